@@ -1,0 +1,3 @@
+from .dataset import PoseImageSet as PoseImageSet
+from .errors import ServoscopeError as ServoscopeError
+from .poses import DOFS as DOFS

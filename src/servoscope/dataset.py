@@ -1,0 +1,201 @@
+"""Images with the camera poses that they were taken from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope import dataset_folder
+from servoscope.errors import DataSetError
+from servoscope.poses import (
+    check_displacement,
+    displacement_ranges,
+    displacements_from_poses,
+)
+
+SPLITS = ("random", "blocks")
+"""How a set may be split: at random, or by blocks of time for images of one sequence."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseImageSet:
+    """Images, the pose each was taken from, and the reference that displacements start at.
+
+    Parameters
+    ----------
+    images : ndarray of shape (n_images, height, width), uint8
+    T_world_cam : ndarray of shape (n_images, 4, 4)
+        Camera to world, [m].
+    T_world_ref : ndarray of shape (4, 4)
+        Camera pose of the reference, [m].
+    reference_image : ndarray of shape (height, width), uint8
+    names : sequence of n_images str, optional
+        One unique name an image; numbered by default.
+    pivot : float
+        Distance of the pivot from the camera along the optical axis, [m].
+    pivot_ranges : ndarray of shape (6,), optional
+        Half-widths of the displacements that were sampled about the pivot, [m] and [rad]; the
+        largest ones observed by default.
+    times : ndarray of shape (n_images,), optional
+        When each image was taken, [s].
+    split : {"random", "blocks"}
+        How the set is to be split for training and testing. Images of one sequence want
+        ``"blocks"``: at random, neighbouring frames would leak from training to test.
+    source : dict
+        Where the images come from, as plain JSON values.
+
+    Raises
+    ------
+    DataSetError
+        If the shapes disagree, a pose is not finite, or a name stands twice.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> images = np.zeros((2, 8, 8), np.uint8)
+    >>> poses = np.stack([np.eye(4)] * 2)
+    >>> poses[1, 0, 3] = 0.01
+    >>> data = PoseImageSet(images, poses, np.eye(4), images[0], pivot=0.55)
+    >>> data.delta_p()[1]
+    array([0.01, 0.  , 0.  , 0.  , 0.  , 0.  ])
+    """
+
+    images: NDArray[np.uint8]
+    T_world_cam: NDArray[np.float64]
+    T_world_ref: NDArray[np.float64]
+    reference_image: NDArray[np.uint8]
+    names: Sequence[str] = ()
+    pivot: float = 0.55
+    pivot_ranges: NDArray[np.float64] | None = None
+    times: NDArray[np.float64] | None = None
+    split: str = "random"
+    source: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.names:
+            object.__setattr__(self, "names", [f"{i:06d}" for i in range(len(self.images))])
+        _check(self)
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    @property
+    def image_shape(self) -> tuple[int, int]:
+        """Height and width of the images, [px]."""
+        return self.images.shape[1], self.images.shape[2]
+
+    def delta_p(self, displacement: str = "pivot") -> NDArray[np.float64]:
+        """Displacement of every image from the reference.
+
+        Parameters
+        ----------
+        displacement : {"pivot", "camera"}
+            About the pivot, or of the camera itself.
+
+        Returns
+        -------
+        ndarray of shape (n_images, 6)
+            [m] and [rad], in `DOFS` order.
+        """
+        pivot = self.pivot if check_displacement(displacement) == "pivot" else 0.0
+        return displacements_from_poses(self.T_world_ref, self.T_world_cam, pivot)
+
+    def ranges(self, displacement: str = "pivot") -> NDArray[np.float64]:
+        """Half-width of each dof's displacements, by which targets are scaled to [-1, 1].
+
+        The sampled ranges where they are known, else the largest displacement in the set; 1 for
+        a dof that never moves.
+
+        Returns
+        -------
+        ndarray of shape (6,)
+            [m] and [rad], in `DOFS` order.
+        """
+        if self.pivot_ranges is None:
+            ranges = np.abs(self.delta_p(displacement)).max(axis=0)
+        else:
+            ranges = displacement_ranges(self.pivot_ranges, self.pivot, displacement)
+        return np.where(ranges > 1e-9, ranges, 1.0)
+
+    def save(self, folder: str | PathLike[str]) -> None:
+        """Write a data set folder; see `docs/conventions.md` for its layout.
+
+        Raises
+        ------
+        FolderExistsError
+            If the folder holds a data set already.
+        """
+        n_images = len(self.images)
+        dataset_folder.create(folder, n_images, self.image_shape)
+        dataset_folder.write_images(folder, 0, self.images)
+        dataset_folder.finish(
+            folder,
+            reference_image=self.reference_image,
+            T_world_ref=self.T_world_ref,
+            T_world_cam=self.T_world_cam,
+            names=self.names,
+            times=self.times,
+            meta={
+                "pivot": self.pivot,
+                "pivot_ranges": None if self.pivot_ranges is None else list(self.pivot_ranges),
+                "split": self.split,
+                "source": self.source,
+            },
+        )
+
+    @classmethod
+    def load(cls, folder: str | PathLike[str]) -> PoseImageSet:
+        """Read a data set folder.
+
+        Raises
+        ------
+        DataSetError
+            If the folder is missing, unfinished, damaged or of another version.
+        """
+        content = dataset_folder.read(folder)
+        meta = content.pop("meta")
+        ranges = meta["pivot_ranges"]
+        return cls(
+            **content,
+            pivot=float(meta["pivot"]),
+            pivot_ranges=None if ranges is None else np.array(ranges, dtype=float),
+            split=meta["split"],
+            source=meta["source"],
+        )
+
+
+def _check(data: PoseImageSet) -> None:
+    images, n_images = data.images, len(data.images)
+    if images.dtype != np.uint8 or images.ndim != 3 or not n_images:
+        raise DataSetError(
+            "images must be a uint8 array of shape (n_images, height, width) with at least one "
+            f"image, got {images.dtype} of shape {images.shape}."
+        )
+    expected = {
+        "T_world_cam": (data.T_world_cam, (n_images, 4, 4)),
+        "T_world_ref": (data.T_world_ref, (4, 4)),
+        "reference_image": (data.reference_image, images.shape[1:]),
+    }
+    if data.times is not None:
+        expected["times"] = (data.times, (n_images,))
+    if data.pivot_ranges is not None:
+        expected["pivot_ranges"] = (data.pivot_ranges, (6,))
+    for name, (array, shape) in expected.items():
+        if array.shape != shape:
+            raise DataSetError(f"{name} must have the shape {shape}, got {array.shape}.")
+        if not np.isfinite(array).all():
+            raise DataSetError(f"{name} must be finite, but holds NaN or infinity.")
+    if len(data.names) != n_images or len(set(data.names)) != n_images:
+        raise DataSetError(
+            f"names must be {n_images} different names, one an image, got {len(data.names)} "
+            f"with {len(set(data.names))} different ones."
+        )
+    if not np.isfinite(data.pivot):
+        raise DataSetError(f"pivot must be a finite distance in metres, got {data.pivot}.")
+    if data.split not in SPLITS:
+        raise DataSetError(f"split must be one of {', '.join(SPLITS)}, got {data.split!r}.")

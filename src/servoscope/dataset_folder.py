@@ -1,0 +1,232 @@
+"""The data set folder: ``images.zarr``, ``reference.png``, ``poses.csv`` and ``meta.json``.
+
+``meta.json`` is written last, so a folder that has one is whole. Until then ``acquisition.json``
+says what is being made there and how far it has come.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shutil
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.errors import DataSetError, FolderExistsError, InvalidInputError
+from servoscope.files import write_atomically, write_json, write_text
+from servoscope.poses import poses_from_quaternions, quaternions_xyzw
+
+VERSION = 1
+IMAGES_PER_CHUNK = 25
+POSE_COLUMNS = ("name", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+_PARTS = ("meta.json", "acquisition.json", "poses.csv", "reference.png")
+
+Folder = str | PathLike[str]
+
+
+def is_data_set(folder: Folder) -> bool:
+    """Whether the folder holds a data set, finished or not."""
+    return any((Path(folder) / part).exists() for part in (*_PARTS[:2], "images.zarr"))
+
+
+def remove(folder: Folder) -> None:
+    """Remove the data set from the folder, and nothing else that may be in it."""
+    for part in _PARTS:
+        (Path(folder) / part).unlink(missing_ok=True)
+    shutil.rmtree(Path(folder) / "images.zarr", ignore_errors=True)
+
+
+def create(
+    folder: Folder, n_images: int, image_shape: tuple[int, int], plan: dict[str, Any] | None = None
+) -> None:
+    """Make the folder with an empty stack of images, and note the plan that will fill it.
+
+    Raises
+    ------
+    FolderExistsError
+        If the folder holds a data set already.
+    """
+    import zarr
+
+    path = Path(folder)
+    if is_data_set(path):
+        raise FolderExistsError(
+            f"{path} holds a data set already; name another folder, or replace it with --force."
+        )
+    path.mkdir(parents=True, exist_ok=True)
+    write_progress(path, plan or {}, 0)
+    zarr.create_array(
+        path / "images.zarr",
+        shape=(n_images, *image_shape),
+        chunks=(min(IMAGES_PER_CHUNK, n_images), *image_shape),
+        dtype="uint8",
+        compressors=zarr.codecs.BloscCodec(cname="lz4", clevel=3, shuffle="noshuffle"),
+    )
+
+
+def write_images(folder: Folder, start: int, images: NDArray[np.uint8]) -> None:
+    """Write images at positions ``start, start + 1, ...`` of the stack."""
+    import zarr
+
+    stack = zarr.open_array(Path(folder) / "images.zarr", mode="r+")
+    stack[start : start + len(images)] = images
+
+
+def write_progress(folder: Folder, plan: dict[str, Any], n_done: int) -> None:
+    """Note that the first `n_done` images of the plan are written."""
+    write_json(Path(folder) / "acquisition.json", {"plan": plan, "n_done": n_done})
+
+
+def read_progress(folder: Folder) -> tuple[dict[str, Any], int] | None:
+    """The plan of an unfinished data set and how many images it has, or None."""
+    path = Path(folder) / "acquisition.json"
+    if not path.exists():
+        return None
+    progress = _read_json(path)
+    return progress["plan"], int(progress["n_done"])
+
+
+def finish(
+    folder: Folder,
+    *,
+    reference_image: NDArray[np.uint8],
+    T_world_ref: NDArray[np.float64],
+    T_world_cam: NDArray[np.float64],
+    names: Sequence[str],
+    times: NDArray[np.float64] | None,
+    meta: dict[str, Any],
+) -> None:
+    """Write all but the images; the folder is a whole data set from then on."""
+    path = Path(folder)
+    _, png = cv2.imencode(".png", reference_image)
+    write_atomically(path / "reference.png", lambda file: file.write(png.tobytes()))
+    write_text(path / "poses.csv", _poses_as_csv(T_world_cam, names, times))
+    reference = dict(zip(POSE_COLUMNS[1:], _pose_numbers(T_world_ref[None])[0], strict=True))
+    write_json(path / "meta.json", {"version": VERSION, "reference": reference, **meta})
+    (path / "acquisition.json").unlink(missing_ok=True)
+
+
+def read_meta(folder: Folder) -> dict[str, Any]:
+    """The content of ``meta.json``.
+
+    Raises
+    ------
+    DataSetError
+        If the folder is missing, unfinished or of another version.
+    """
+    path = Path(folder)
+    if not path.is_dir():
+        raise DataSetError(f"{path} is not a folder; name a data set folder.")
+    progress = read_progress(path)
+    if not (path / "meta.json").exists():
+        if progress is not None:
+            raise DataSetError(
+                f"{path} is unfinished ({progress[1]} images); repeat the command that began it."
+            )
+        raise DataSetError(f"{path} is not a data set folder: it has no meta.json.")
+    meta = _read_json(path / "meta.json")
+    if meta.get("version") != VERSION:
+        raise DataSetError(
+            f"{path / 'meta.json'} has version {meta.get('version')!r}, this servoscope reads "
+            f"version {VERSION}; make the data set again."
+        )
+    missing = {"reference", "pivot", "pivot_ranges", "split", "source"} - meta.keys()
+    if missing:
+        raise DataSetError(f"{path / 'meta.json'} lacks {', '.join(sorted(missing))}.")
+    return meta
+
+
+def read(folder: Folder) -> dict[str, Any]:
+    """Everything in a data set folder, under the names of `PoseImageSet`'s fields and ``meta``.
+
+    Raises
+    ------
+    DataSetError
+        If the folder is missing, unfinished, damaged or of another version.
+    """
+    path = Path(folder)
+    meta = read_meta(path)
+    images = _read_images(path / "images.zarr")
+    names, numbers, times = _read_poses(path / "poses.csv")
+    if len(names) != len(images):
+        raise DataSetError(
+            f"{path / 'poses.csv'} has {len(names)} poses for {len(images)} images; make the "
+            "data set again."
+        )
+    try:
+        T_world_cam = poses_from_quaternions(numbers[:, :3], numbers[:, 3:])
+        reference = np.array([[float(meta["reference"][key]) for key in POSE_COLUMNS[1:]]])
+        T_world_ref = poses_from_quaternions(reference[:, :3], reference[:, 3:])[0]
+    except (InvalidInputError, KeyError, TypeError, ValueError) as error:
+        raise DataSetError(f"{path}: {error}") from error
+    reference_image = cv2.imread(str(path / "reference.png"), cv2.IMREAD_GRAYSCALE)
+    if reference_image is None:
+        raise DataSetError(f"{path / 'reference.png'} is missing or is not an image.")
+    return {
+        "images": images,
+        "T_world_cam": T_world_cam,
+        "T_world_ref": T_world_ref,
+        "reference_image": reference_image,
+        "names": names,
+        "times": times,
+        "meta": meta,
+    }
+
+
+def _read_images(path: Path) -> NDArray[np.uint8]:
+    import zarr
+
+    try:
+        return np.asarray(zarr.open_array(path, mode="r")[:])
+    except Exception as error:  # zarr and its codecs raise of every kind on damaged files
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise DataSetError(f"{path} cannot be read ({reason}); make the data set again.") from error
+
+
+def _read_poses(path: Path) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64] | None]:
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+        names = [row["name"] for row in rows]
+        numbers = np.array([[float(row[key]) for key in POSE_COLUMNS[1:]] for row in rows])
+        timed = bool(rows) and "time" in rows[0]
+        times = np.array([float(row["time"]) for row in rows]) if timed else None
+    except FileNotFoundError as error:
+        raise DataSetError(f"{path} is missing; make the data set again.") from error
+    except (KeyError, TypeError, ValueError) as error:
+        wanted = ",".join(POSE_COLUMNS)
+        raise DataSetError(f"{path} must have the columns {wanted} ({error}).") from error
+    return names, numbers.reshape(-1, 7), times
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise DataSetError(f"{path} is not readable JSON ({error}).") from error
+    if not isinstance(value, dict):
+        raise DataSetError(f"{path} must hold a JSON object, got a {type(value).__name__}.")
+    return value
+
+
+def _pose_numbers(T: NDArray[np.float64]) -> list[list[float]]:
+    return np.hstack([T[:, :3, 3], quaternions_xyzw(T)]).tolist()
+
+
+def _poses_as_csv(
+    T_world_cam: NDArray[np.float64], names: Sequence[str], times: NDArray[np.float64] | None
+) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(POSE_COLUMNS if times is None else (*POSE_COLUMNS, "time"))
+    for i, numbers in enumerate(_pose_numbers(T_world_cam)):
+        row = [names[i], *map(repr, numbers)]
+        writer.writerow(row if times is None else [*row, repr(float(times[i]))])
+    return text.getvalue()

@@ -1,0 +1,29 @@
+"""The errors that servoscope raises.
+
+Every one of them derives from `ServoscopeError`. A message is one line that says what was wanted,
+what came, and what to do.
+"""
+
+
+class ServoscopeError(Exception):
+    """Base class of every error that servoscope raises on purpose."""
+
+
+class InvalidInputError(ServoscopeError, ValueError):
+    """An argument or an array is not of the shape, type or range that was asked for."""
+
+
+class DataSetError(ServoscopeError, ValueError):
+    """A data set, or a file that one is read from, is missing, damaged or inconsistent."""
+
+
+class FolderExistsError(ServoscopeError, FileExistsError):
+    """A folder already holds results, and nobody said to resume or to replace them."""
+
+
+class RunFolderError(ServoscopeError, ValueError):
+    """A run folder is unfinished, damaged, or was written by another version."""
+
+
+class MissingExtraError(ServoscopeError, ImportError):
+    """An optional dependency is not installed."""
