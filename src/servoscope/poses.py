@@ -47,8 +47,8 @@ def rigid_transform(rotation: ArrayLike, translation: ArrayLike) -> Array:
     >>> rigid_transform(np.eye(3), [0.0, 0.0, 0.55])[:3, 3]
     array([0.  , 0.  , 0.55])
     """
-    rotation = np.asarray(rotation, dtype=float)
-    T = np.zeros((*rotation.shape[:-2], 4, 4))
+    rotation, translation = np.asarray(rotation, dtype=float), np.asarray(translation, dtype=float)
+    T = np.zeros((*np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1]), 4, 4))
     T[..., :3, :3] = rotation
     T[..., :3, 3] = translation
     T[..., 3, 3] = 1.0
