@@ -1,3 +1,10 @@
 from .dataset import PoseImageSet as PoseImageSet
 from .errors import ServoscopeError as ServoscopeError
 from .poses import DOFS as DOFS
+from .regression import LMRegressor as LMRegressor
+from .regression import NetworkJob as NetworkJob
+from .regression import PoseRegressor as PoseRegressor
+from .regression import train_networks as train_networks
+from .selection import MutualInfoSelector as MutualInfoSelector
+from .selection import mutual_information as mutual_information
+from .selection import pairwise_mutual_information as pairwise_mutual_information

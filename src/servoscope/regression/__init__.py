@@ -1,0 +1,5 @@
+"""From features to motion: Levenberg-Marquardt networks, one for each degree of freedom."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

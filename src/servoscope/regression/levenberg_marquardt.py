@@ -1,0 +1,234 @@
+"""Levenberg-Marquardt training of a tanh network, stopped early on validation samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.regression.normal_equations import NormalEquations, normal_equations
+from servoscope.regression.tanh_network import (
+    Array,
+    Linearisation,
+    activate,
+    append_ones,
+    linearise,
+    split_weights,
+)
+
+Status = Literal["stopped_early", "converged", "max_iter", "damping_limit"]
+
+_DAMPING_FALL, _DAMPING_RISE = 0.5, 3.0
+_DAMPING_LIMITS = 1e-6, 1e10
+
+
+@dataclass(frozen=True)
+class LMSettings:
+    """How a network is trained.
+
+    Parameters
+    ----------
+    max_iter : int
+        Most steps taken.
+    patience : int
+        Steps without a lower validation error after which training stops.
+    damping : float
+        The damping to start with, in units of the squared target summed over the samples.
+    weight_decay : float
+        Factor of the squared weights in what is minimised, the squared residuals summed over
+        the samples plus ``weight_decay`` times the squared weights.
+    tol : float
+        Relative fall of what is minimised below which a step counts as no progress.
+    """
+
+    max_iter: int = 200
+    patience: int = 8
+    damping: float = 1.0
+    weight_decay: float = 0.0
+    tol: float = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class LMResult:
+    """What `levenberg_marquardt` found.
+
+    Attributes
+    ----------
+    weights : ndarray of shape (n_weights,)
+        Those of the best iteration.
+    status : {"stopped_early", "converged", "max_iter", "damping_limit"}
+        Why training ended: the validation error stopped falling, the training error did, the
+        steps ran out, or no damping gave a step that lowers the training error.
+    n_iter : int
+        Number of steps taken.
+    best_iteration : int
+        The step after which the validation error was least; the last one without validation.
+    training_rms, validation_rms : ndarray of shape (n_iter + 1,)
+        Error before the first step and after each, in units of the target; the validation error
+        is NaN without validation.
+    damping : ndarray of shape (n_iter + 1,)
+        Damping of each step; the starting one comes first.
+    """
+
+    weights: NDArray[np.float64]
+    status: Status
+    n_iter: int
+    best_iteration: int
+    training_rms: NDArray[np.float64]
+    validation_rms: NDArray[np.float64]
+    damping: NDArray[np.float64]
+
+    @property
+    def best_rms(self) -> float:
+        """Validation error of `weights`, or training error where there was no validation."""
+        rms = self.training_rms if np.isnan(self.validation_rms).any() else self.validation_rms
+        return float(rms[self.best_iteration])
+
+
+def levenberg_marquardt(
+    X: Array,
+    y: Array,
+    weights: Array,
+    X_val: Array | None = None,
+    y_val: Array | None = None,
+    settings: LMSettings | None = None,
+    equations: NormalEquations | None = None,
+) -> LMResult:
+    """Train a network of tanh hidden units and one linear output from the given weights.
+
+    Parameters
+    ----------
+    X : ndarray of shape (n, k)
+        Inputs of about unit scale.
+    y : ndarray of shape (n,)
+        Target of about unit scale.
+    weights : ndarray of shape (h (k + 2) + 1,)
+        Weights to start from, in the order of `servoscope.regression.tanh_network`.
+    X_val, y_val : ndarray of shape (n_val, k) and (n_val,), optional
+        Samples that stop the training and choose its best iteration.
+    settings : LMSettings, optional
+    equations : NormalEquations, optional
+        Made for ``X`` with its column of ones; by default the cheaper of primal and dual form,
+        in single precision. Residuals and weights are always in double precision.
+
+    Returns
+    -------
+    LMResult
+
+    Notes
+    -----
+    The damping is halved after a step that lowers the error and tripled after one that does not.
+
+    References
+    ----------
+    Marquardt, D.: An algorithm for least-squares estimation of nonlinear parameters, J. SIAM 11
+    (1963), 431-441. Hagan, M. and Menhaj, M.: Training feedforward networks with the Marquardt
+    algorithm, IEEE Trans. Neural Networks 5 (1994), 989-993.
+    """
+    settings = settings or LMSettings()
+    problem = _Problem(X, y, X_val, y_val, settings.weight_decay)
+    if equations is None:
+        hidden = len(split_weights(weights, X.shape[1] + 1)[0])
+        equations = normal_equations(problem.inputs[: len(y)], hidden)
+    return _train(problem, equations, weights, settings)
+
+
+class _Point(NamedTuple):
+    """The network at some weights."""
+
+    weights: Array
+    activations: Array
+    residuals: Array
+    cost: float
+    training_rms: float
+    validation_rms: float
+
+
+class _Problem:
+    """The samples, those that train first, and what is minimised over them."""
+
+    def __init__(
+        self, X: Array, y: Array, X_val: Array | None, y_val: Array | None, weight_decay: float
+    ) -> None:
+        stacked = X if X_val is None else np.vstack([X, X_val])
+        self.inputs = append_ones(stacked)
+        self.targets = y if y_val is None else np.concatenate([y, y_val])
+        self.n_train = len(y)
+        self._weight_decay = weight_decay
+
+    def evaluate(self, weights: Array) -> _Point:
+        n = self.n_train
+        activations = activate(weights, self.inputs)
+        _, v = split_weights(weights, self.inputs.shape[1])
+        residuals = self.targets - activations @ v
+        squares = float(residuals[:n] @ residuals[:n])
+        cost = squares + self._weight_decay * float(weights @ weights)
+        return _Point(
+            weights,
+            activations[:n],
+            residuals[:n],
+            cost,
+            np.sqrt(squares / n),
+            _rms(residuals[n:]),
+        )
+
+    def linearise(self, point: _Point) -> Linearisation:
+        return linearise(point.weights, self.inputs[: self.n_train], point.activations)
+
+
+def _train(
+    problem: _Problem, equations: NormalEquations, weights: Array, settings: LMSettings
+) -> LMResult:
+    point = best = problem.evaluate(weights)
+    damping = settings.damping
+    best_iteration = 0
+    history = [(point.training_rms, point.validation_rms, damping)]
+    status: Status = "max_iter"
+    for iteration in range(1, settings.max_iter + 1):
+        equations.linearise(problem.linearise(point))
+        trial, damping = _descend(problem, equations, point, damping, settings.weight_decay)
+        if trial is None:
+            status = "damping_limit"
+            break
+        history.append((trial.training_rms, trial.validation_rms, damping))
+        progress = point.cost - trial.cost
+        point = trial
+        if not point.validation_rms >= best.validation_rms:
+            best, best_iteration = point, iteration
+        elif iteration - best_iteration >= settings.patience:
+            status = "stopped_early"
+            break
+        if progress <= settings.tol * point.cost:
+            status = "converged"
+            break
+        damping = max(damping * _DAMPING_FALL, _DAMPING_LIMITS[0])
+    training_rms, validation_rms, dampings = np.array(history).T
+    n_iter = len(history) - 1
+    return LMResult(
+        best.weights, status, n_iter, best_iteration, training_rms, validation_rms, dampings
+    )
+
+
+def _descend(
+    problem: _Problem,
+    equations: NormalEquations,
+    point: _Point,
+    damping: float,
+    weight_decay: float,
+) -> tuple[_Point | None, float]:
+    """The next point, and the damping that led there; None if no damping leads down."""
+    while damping <= _DAMPING_LIMITS[1]:
+        step = equations.step(point.residuals, point.weights, damping, weight_decay)
+        if step is not None:
+            trial = problem.evaluate(point.weights + step)
+            if trial.cost < point.cost:
+                return trial, damping
+        damping *= _DAMPING_RISE
+    return None, damping
+
+
+def _rms(residuals: Array) -> float:
+    """Root mean square, NaN of nothing."""
+    return float(np.sqrt(residuals @ residuals / len(residuals))) if len(residuals) else np.nan

@@ -1,0 +1,150 @@
+"""Many networks trained side by side, in processes of one BLAS thread each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import joblib
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from servoscope.errors import InvalidInputError
+from servoscope.regression.tanh_network import Array
+from servoscope.regression.training import TrainedNetwork, train_restarts
+
+if TYPE_CHECKING:
+    from servoscope.regression.network import LMRegressor
+
+
+@dataclass(frozen=True, eq=False)
+class NetworkJob:
+    """One network to train.
+
+    Parameters
+    ----------
+    columns : array of int
+        Columns of X that are its inputs.
+    target : int
+        Column of Y that it learns.
+    seed : int
+        Draws its starts.
+    """
+
+    columns: NDArray[np.intp]
+    target: int
+    seed: int = 0
+
+
+def train_networks(
+    X: ArrayLike,
+    Y: ArrayLike,
+    jobs: Sequence[NetworkJob],
+    train: ArrayLike,
+    validation: ArrayLike | None = None,
+    *,
+    regressor: LMRegressor | None = None,
+    n_jobs: int | None = None,
+    on_progress: Callable[[int], object] | None = None,
+) -> Iterator[LMRegressor]:
+    """Train a network for every job; yields them in the order of the jobs, as they are ready.
+
+    Parameters
+    ----------
+    X : array of shape (n_samples, n_features)
+    Y : array of shape (n_samples, n_targets)
+    jobs : sequence of NetworkJob
+    train, validation : arrays of int
+        Rows that train, and rows that stop the training.
+    regressor : LMRegressor, optional
+        Gives the parameters; its `random_state` gives way to the seed of each job.
+    n_jobs : int, optional
+        Number of processes, as joblib understands it; one by default.
+    on_progress : callable, optional
+        Called with the number of networks trained so far.
+
+    Yields
+    ------
+    LMRegressor
+        Fitted; the same bit for bit for any number of processes.
+
+    Raises
+    ------
+    InvalidInputError
+        If the arrays disagree, hold NaN or infinity, or a job names a column they do not have.
+
+    Examples
+    --------
+    >>> X = np.random.default_rng(0).normal(size=(100, 3))
+    >>> jobs = [NetworkJob(np.array([0, 1]), 0), NetworkJob(np.array([2]), 0)]
+    >>> nets = train_networks(X, X[:, :1] * X[:, 1:2], jobs, range(80), range(80, 100))
+    >>> [net.n_features_in_ for net in nets]
+    [2, 1]
+    """
+    from servoscope.regression.network import LMRegressor
+
+    samples = _check_samples(X, Y, jobs)
+    parts = np.asarray(train), None if validation is None else np.asarray(validation)
+    template = LMRegressor() if regressor is None else regressor
+    options = [template.training_options(job.seed) for job in jobs]
+    networks = _train_all(samples, jobs, parts, options, n_jobs)
+    return _adopt_all(networks, template, on_progress)
+
+
+def _adopt_all(
+    networks: Iterator[TrainedNetwork],
+    template: LMRegressor,
+    on_progress: Callable[[int], object] | None,
+) -> Iterator[LMRegressor]:
+    from sklearn.base import clone
+
+    for n_done, network in enumerate(networks, start=1):
+        if on_progress is not None:
+            on_progress(n_done)
+        yield clone(template).adopt(network)
+
+
+def _train_all(
+    samples: tuple[Array, Array],
+    jobs: Sequence[NetworkJob],
+    parts: tuple[Any, Any],
+    options: Sequence[dict[str, Any]],
+    n_jobs: int | None,
+) -> Iterator[TrainedNetwork]:
+    with joblib.parallel_config("loky", n_jobs=n_jobs, inner_max_num_threads=1):
+        parallel = joblib.Parallel(return_as="generator", batch_size=1, max_nbytes=1024)
+        yield from parallel(
+            joblib.delayed(_train_one)(*samples, *parts, job, option)
+            for job, option in zip(jobs, options, strict=True)
+        )
+
+
+def _train_one(
+    X: Array, Y: Array, train: Any, validation: Any, job: NetworkJob, options: dict[str, Any]
+) -> TrainedNetwork:
+    Z, y = X[:, job.columns], Y[:, job.target]
+    held_out = (None, None) if validation is None else (Z[validation], y[validation])
+    return train_restarts(Z[train], y[train], *held_out, **options)
+
+
+def _check_samples(X: ArrayLike, Y: ArrayLike, jobs: Sequence[NetworkJob]) -> tuple[Array, Array]:
+    X, Y = np.asarray(X, dtype=np.float64), np.asarray(Y, dtype=np.float64)
+    if X.ndim != 2 or Y.ndim != 2 or len(X) != len(Y):
+        raise InvalidInputError(
+            "X and Y must be of shape (n_samples, n_features) and (n_samples, n_targets), "
+            f"got {X.shape} and {Y.shape}."
+        )
+    if not (np.isfinite(X).all() and np.isfinite(Y).all()):
+        raise InvalidInputError("X and Y must be finite, but hold NaN or infinity.")
+    for job in jobs:
+        columns = np.asarray(job.columns)
+        if not columns.size or columns.max() >= X.shape[1] or columns.min() < 0:
+            raise InvalidInputError(
+                f"A job must name columns from 0 to {X.shape[1] - 1}, got {columns.tolist()}."
+            )
+        if not 0 <= job.target < Y.shape[1]:
+            raise InvalidInputError(
+                f"A job's target must be from 0 to {Y.shape[1] - 1}, got {job.target}."
+            )
+    return X, Y

@@ -1,0 +1,210 @@
+"""One regressor and one subset of the features for each degree of freedom."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, RegressorMixin, clone
+from sklearn.utils.validation import check_is_fitted, has_fit_parameter, validate_data
+
+from servoscope.errors import InvalidInputError
+from servoscope.poses import DOFS
+from servoscope.regression.network import LMRegressor
+
+Columns = Sequence[int] | Sequence[str]
+
+
+class PoseRegressor(RegressorMixin, BaseEstimator):
+    """The pose displacement, each degree of freedom by a regressor on features of its own.
+
+    Parameters
+    ----------
+    subsets : dict of sequences of int or str, optional
+        For each dof the features it is told from, by column or by name; all of them by default.
+    regressor : estimator, optional
+        Cloned for each dof; `LMRegressor` by default.
+    feature_names : sequence of str, optional
+        Names of the columns of X, where X is not a DataFrame.
+    dofs : sequence of str
+        Names of the columns of `delta_p`.
+
+    Attributes
+    ----------
+    regressors_ : dict
+        The fitted regressor of each dof.
+    columns_ : dict of ndarray
+        The columns of X that each was given.
+    n_features_in_ : int
+    feature_names_in_ : ndarray of shape (n_features_in_,)
+        Only where X was a DataFrame.
+
+    Examples
+    --------
+    >>> delta_p = np.random.default_rng(0).uniform(-1, 1, (200, 6))
+    >>> subsets = {dof: [i] for i, dof in enumerate(DOFS)}
+    >>> model = PoseRegressor(subsets, LMRegressor(hidden=3, restarts=1, max_iter=20))
+    >>> model.fit(delta_p**3, delta_p).predict(delta_p[:2] ** 3).shape
+    (2, 6)
+    """
+
+    def __init__(
+        self,
+        subsets: Mapping[str, Columns] | None = None,
+        regressor: Any = None,
+        feature_names: Sequence[str] | None = None,
+        dofs: Sequence[str] = DOFS,
+    ) -> None:
+        self.subsets = subsets
+        self.regressor = regressor
+        self.feature_names = feature_names
+        self.dofs = dofs
+
+    def fit(
+        self,
+        X: ArrayLike,
+        delta_p: ArrayLike,
+        X_val: ArrayLike | None = None,
+        delta_p_val: ArrayLike | None = None,
+    ) -> PoseRegressor:
+        """Fit each dof's regressor.
+
+        Parameters
+        ----------
+        X : array or DataFrame of shape (n, n_features)
+        delta_p : array of shape (n, n_dofs)
+            In the order of `dofs`, in any unit.
+        X_val, delta_p_val : arrays of shape (n_val, n_features) and (n_val, n_dofs), optional
+            Samples that stop the training of regressors whose `fit` takes ``X_val, y_val``.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        InvalidInputError
+            If a subset names no dof or no feature that there is, or the number of dofs differs.
+        """
+        features, targets = self._check(X, delta_p, reset=True)
+        template = LMRegressor() if self.regressor is None else self.regressor
+        held_out = None
+        if X_val is not None and has_fit_parameter(template, "X_val"):
+            held_out = self._check(X_val, delta_p_val, reset=False)
+        self.columns_ = self._resolve_subsets()
+        self.regressors_ = {}
+        for i, (dof, columns) in enumerate(self.columns_.items()):
+            stop = {}
+            if held_out is not None:
+                stop = {"X_val": held_out[0][:, columns], "y_val": held_out[1][:, i]}
+            self.regressors_[dof] = clone(template).fit(features[:, columns], targets[:, i], **stop)
+        return self
+
+    def predict(self, X: ArrayLike) -> NDArray[np.float64]:
+        """The displacement at samples X of shape (n, n_features), (n, n_dofs)."""
+        check_is_fitted(self)
+        features: Any = validate_data(self, X, reset=False, dtype=np.float64)
+        return np.column_stack(
+            [self.regressors_[dof].predict(features[:, self.columns_[dof]]) for dof in self.dofs]
+        )
+
+    @classmethod
+    def from_fitted(
+        cls, regressors: Mapping[str, Any], columns: Mapping[str, Sequence[int]], n_features: int
+    ) -> PoseRegressor:
+        """Join regressors that were fitted elsewhere, such as by `train_networks`.
+
+        Parameters
+        ----------
+        regressors : dict
+            A fitted regressor for each dof; their order is that of the predictions.
+        columns : dict of sequences of int
+            The columns of X that each takes.
+        n_features : int
+            Number of columns of X.
+        """
+        model = cls(
+            subsets={dof: [int(i) for i in columns[dof]] for dof in regressors},
+            dofs=tuple(regressors),
+        )
+        model.regressors_ = dict(regressors)
+        model.n_features_in_ = n_features
+        model.columns_ = model._resolve_subsets()
+        return model
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """What `predict` needs, as plain arrays that `numpy.savez` writes without pickle.
+
+        Raises
+        ------
+        AttributeError
+            If the regressors have no ``to_arrays``.
+        """
+        check_is_fitted(self)
+        arrays: dict[str, NDArray] = {
+            "dofs": np.asarray(self.dofs, dtype=str),
+            "n_features": np.asarray(self.n_features_in_),
+        }
+        for dof, regressor in self.regressors_.items():
+            arrays[f"{dof}.columns"] = self.columns_[dof]
+            arrays.update({f"{dof}.{name}": a for name, a in regressor.to_arrays().items()})
+        return arrays
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, ArrayLike]) -> PoseRegressor:
+        """A model of `LMRegressor` that predicts as the one `to_arrays` was called on.
+
+        Raises
+        ------
+        InvalidInputError
+            If an array is missing or the sizes disagree.
+        """
+        if "dofs" not in arrays or "n_features" not in arrays:
+            raise InvalidInputError("A pose regressor needs the arrays 'dofs' and 'n_features'.")
+        regressors, columns = {}, {}
+        for dof in np.asarray(arrays["dofs"], dtype=str).tolist():
+            own = {
+                name.removeprefix(f"{dof}."): array
+                for name, array in arrays.items()
+                if name.startswith(f"{dof}.")
+            }
+            columns[dof] = np.asarray(own.pop("columns", []), dtype=np.intp).tolist()
+            regressors[dof] = LMRegressor.from_arrays(own)
+        return cls.from_fitted(regressors, columns, int(np.asarray(arrays["n_features"])))
+
+    def _check(self, X: Any, delta_p: Any, reset: bool) -> tuple[NDArray, NDArray]:
+        X, delta_p = validate_data(
+            self, X, delta_p, reset=reset, dtype=np.float64, multi_output=True, y_numeric=True
+        )
+        delta_p = delta_p.reshape(len(X), -1)
+        if delta_p.shape[1] != len(self.dofs):
+            raise InvalidInputError(
+                f"delta_p must have one column for each of {', '.join(self.dofs)}, "
+                f"got {delta_p.shape[1]} columns."
+            )
+        return X, delta_p
+
+    def _resolve_subsets(self) -> dict[str, NDArray[np.intp]]:
+        if self.subsets is None:
+            return {dof: np.arange(self.n_features_in_) for dof in self.dofs}
+        if set(self.subsets) != set(self.dofs):
+            raise InvalidInputError(
+                f"subsets must name {', '.join(self.dofs)}, got {', '.join(self.subsets)}."
+            )
+        names = getattr(self, "feature_names_in_", self.feature_names)
+        known = {} if names is None else {name: i for i, name in enumerate(names)}
+        return {
+            dof: np.array([self._column(dof, f, known) for f in self.subsets[dof]], dtype=np.intp)
+            for dof in self.dofs
+        }
+
+    def _column(self, dof: str, feature: int | str, known: Mapping[str, int]) -> int:
+        column = known.get(feature) if isinstance(feature, str) else int(feature)
+        if column is None or not 0 <= column < self.n_features_in_:
+            raise InvalidInputError(
+                f"The subset for {dof} names the feature {feature!r}, but X has "
+                f"{self.n_features_in_} columns" + (f": {', '.join(known)}." if known else ".")
+            )
+        return column

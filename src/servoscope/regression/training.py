@@ -1,0 +1,118 @@
+"""A network trained from several starts on standardised samples."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from threadpoolctl import ThreadpoolController
+
+from servoscope.regression.levenberg_marquardt import LMResult, LMSettings, levenberg_marquardt
+from servoscope.regression.normal_equations import normal_equations
+from servoscope.regression.tanh_network import Array, append_ones, evaluate, initial_weights
+
+
+@dataclass(frozen=True, eq=False)
+class Standardisation:
+    """Shift and scale to zero mean and unit variance; what is constant becomes zero."""
+
+    mean: Array
+    scale: Array
+
+    @classmethod
+    def of(cls, samples: Array) -> Standardisation:
+        """That of samples along the first axis."""
+        mean, deviation = samples.mean(axis=0), samples.std(axis=0)
+        smallest = 1e-12 * np.abs(samples).max(axis=0)
+        with np.errstate(divide="ignore"):
+            scale = np.where(deviation > smallest, 1.0 / deviation, 0.0)
+        return cls(mean, scale)
+
+    def apply(self, samples: Array) -> Array:
+        return (samples - self.mean) * self.scale
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedNetwork:
+    """The best of some training runs, with the scales it works in.
+
+    Attributes
+    ----------
+    weights : ndarray of shape (n_weights,)
+    inputs, target : Standardisation
+    results : tuple of LMResult
+        One for each start, errors in units of the target.
+    best : int
+        Which of them gave the weights.
+    """
+
+    weights: Array
+    inputs: Standardisation
+    target: Standardisation
+    results: tuple[LMResult, ...] = ()
+    best: int = 0
+
+    def predict(self, X: Array) -> Array:
+        """The target at ``X`` of shape (n, k)."""
+        deviation = 1.0 / self.target.scale if self.target.scale else 0.0
+        return self.target.mean + deviation * evaluate(
+            self.weights, append_ones(self.inputs.apply(X))
+        )
+
+
+def train_restarts(
+    X: Array,
+    y: Array,
+    X_val: Array | None,
+    y_val: Array | None,
+    *,
+    hidden: int,
+    restarts: int,
+    seed: int,
+    settings: LMSettings,
+) -> TrainedNetwork:
+    """Train from `restarts` random starts and keep the start with the least `best_rms`.
+
+    Runs with one BLAS thread, so that a seed gives the same weights in any process.
+    """
+    inputs, target = Standardisation.of(X), Standardisation.of(y)
+    X, y = inputs.apply(X), target.apply(y)
+    if X_val is not None and y_val is not None:
+        X_val, y_val = inputs.apply(X_val), target.apply(y_val)
+    with _one_blas_thread():
+        equations = normal_equations(append_ones(X), hidden)
+        results = [
+            levenberg_marquardt(X, y, start, X_val, y_val, settings, equations)
+            for start in _starts(X.shape[1], hidden, restarts, seed)
+        ]
+    best = int(np.argmin([result.best_rms for result in results]))
+    deviation = 1.0 / float(target.scale) if target.scale else 0.0
+    scaled = tuple(_rescale(result, deviation) for result in results)
+    return TrainedNetwork(results[best].weights, inputs, target, scaled, best)
+
+
+def _starts(n_features: int, hidden: int, restarts: int, seed: int) -> Iterator[Array]:
+    for restart in range(restarts):
+        yield initial_weights(n_features, hidden, np.random.default_rng([seed, restart]))
+
+
+def _rescale(result: LMResult, factor: float) -> LMResult:
+    return replace(
+        result,
+        training_rms=result.training_rms * factor,
+        validation_rms=result.validation_rms * factor,
+    )
+
+
+@contextmanager
+def _one_blas_thread() -> Iterator[None]:
+    with _blas_controller().limit(limits=1, user_api="blas"):
+        yield
+
+
+@cache
+def _blas_controller() -> ThreadpoolController:
+    return ThreadpoolController()
