@@ -1,5 +1,11 @@
 from .dataset import PoseImageSet as PoseImageSet
 from .errors import ServoscopeError as ServoscopeError
+from .features import Eigenfeatures as Eigenfeatures
+from .features import ImageBasis as ImageBasis
+from .features import compute_image_basis as compute_image_basis
+from .features import LocalFeatureAnalysis as LocalFeatureAnalysis
+from .features import GeometricMoments as GeometricMoments
+from .features import PoseImageCovariance as PoseImageCovariance
 from .poses import DOFS as DOFS
 from .regression import LMRegressor as LMRegressor
 from .regression import NetworkJob as NetworkJob

@@ -1,0 +1,5 @@
+"""Which features to use: mutual information, ranking, and minimum subsets."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

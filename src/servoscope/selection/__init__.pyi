@@ -1,0 +1,12 @@
+from .binning import bin_codes as bin_codes
+from .ideal_point import rank_ideal_point as rank_ideal_point
+from .mutual_information import mutual_information as mutual_information
+from .mutual_information import pairwise_mutual_information as pairwise_mutual_information
+from .ranking import Ranking as Ranking
+from .selector import CRITERIA as CRITERIA
+from .selector import MutualInfoSelector as MutualInfoSelector
+from .stability import OrderStability as OrderStability
+from .stability import order_stability as order_stability
+from .sweep import ThresholdSubset as ThresholdSubset
+from .sweep import best_subset as best_subset
+from .sweep import threshold_subsets as threshold_subsets

@@ -1,0 +1,125 @@
+"""Feature selection by mutual information, as a scikit-learn transformer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from numbers import Integral
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator
+from sklearn.feature_selection import SelectorMixin
+from sklearn.utils import Tags
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from servoscope.errors import InvalidInputError
+from servoscope.selection.ideal_point import rank_ideal_point
+from servoscope.selection.mutual_information import (
+    mutual_information,
+    pairwise_mutual_information,
+)
+from servoscope.selection.ranking import Ranking
+
+CRITERIA: dict[str, Callable[[ArrayLike, ArrayLike, int], Ranking]] = {
+    "ideal_point": rank_ideal_point,
+}
+"""Rules that rank features by their relevance to the target and pairwise information."""
+
+
+class MutualInfoSelector(SelectorMixin, BaseEstimator):
+    """Select features that tell much about one target and little about each other.
+
+    Parameters
+    ----------
+    n_features : int
+        How many features to select; all of them if there are fewer.
+    criterion : {"ideal_point"}
+        The rule that selects the next feature; see `rank_ideal_point`.
+    n_bins : int
+        Number of equal-width bins over the observed range of each variable, 2 to 256.
+
+    Attributes
+    ----------
+    ranking_ : ndarray of shape (n_selected,)
+        Indices of the selected features, in the order of selection.
+    relevance_ : ndarray of shape (n_selected,)
+        Information about the target of the feature selected at each step, [bits].
+    redundancy_ : ndarray of shape (n_selected,)
+        Sum of the information, about the features selected before it, of the feature selected
+        at each step, [bits].
+    mutual_information_ : ndarray of shape (n_features_in_,)
+        Information of every feature about the target, [bits].
+    candidate_redundancy_ : ndarray of shape (n_selected, n_features_in_)
+        Redundancy of every candidate at each step, [bits]; NaN once a feature is selected.
+        With `mutual_information_` these are the points of the selection plane.
+
+    Notes
+    -----
+    As with every scikit-learn selector, `transform` keeps the selected columns in their original
+    order. ``X[:, selector.ranking_]`` has them in the order of selection.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> X = rng.uniform(size=(1000, 3))
+    >>> X[:, 1] = X[:, 0]
+    >>> selector = MutualInfoSelector(n_features=2).fit(X, X[:, 0] + 0.5 * X[:, 2])
+    >>> selector.ranking_
+    array([0, 2])
+    >>> selector.get_feature_names_out()
+    array(['x0', 'x2'], dtype=object)
+    """
+
+    def __init__(self, n_features: int = 24, criterion: str = "ideal_point", n_bins: int = 10):
+        self.n_features = n_features
+        self.criterion = criterion
+        self.n_bins = n_bins
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> MutualInfoSelector:
+        """Rank the features.
+
+        Parameters
+        ----------
+        X : array of shape (n_samples, n_features)
+        y : array of shape (n_samples,)
+            One target; rank the features for each dof by itself.
+
+        Returns
+        -------
+        MutualInfoSelector
+            Itself.
+
+        Raises
+        ------
+        InvalidInputError
+            If a parameter is out of range, or `X` is not finite.
+        """
+        if self.criterion not in CRITERIA:
+            raise InvalidInputError(
+                f"criterion must be one of {', '.join(CRITERIA)}, got {self.criterion!r}."
+            )
+        if not isinstance(self.n_features, Integral) or self.n_features < 1:
+            raise InvalidInputError(
+                f"n_features must be an integer of 1 or more, got {self.n_features!r}."
+            )
+        X, y = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_all_finite=False)
+        ranking = CRITERIA[self.criterion](
+            mutual_information(X, y, self.n_bins),
+            pairwise_mutual_information(X, self.n_bins),
+            int(self.n_features),
+        )
+        self.ranking_: NDArray[np.intp] = ranking.order
+        self.relevance_ = ranking.relevance
+        self.redundancy_ = ranking.redundancy
+        self.mutual_information_ = ranking.candidate_relevance
+        self.candidate_redundancy_ = ranking.candidate_redundancy
+        return self
+
+    def _get_support_mask(self) -> NDArray[np.bool_]:
+        check_is_fitted(self)
+        return np.isin(np.arange(self.n_features_in_), self.ranking_)
+
+    def __sklearn_tags__(self) -> Tags:
+        tags = super().__sklearn_tags__()
+        tags.target_tags.required = True
+        return tags

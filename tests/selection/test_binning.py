@@ -1,0 +1,78 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from servoscope.errors import InvalidInputError
+from servoscope.selection.binning import bin_codes
+
+finite = st.floats(-1e9, 1e9, allow_subnormal=True)
+
+
+def codes_by_edges(x, n_bins):
+    edges = np.linspace(x.min(), x.max(), n_bins + 1)
+    return np.digitize(x, edges[1:-1]) if x.min() < x.max() else np.zeros(len(x), int)
+
+
+@given(hnp.arrays(float, st.integers(1, 60), elements=finite), st.integers(2, 256))
+def test_bins_are_those_between_linspace_edges(x, n_bins):
+    np.testing.assert_array_equal(bin_codes(x[:, None], n_bins)[0], codes_by_edges(x, n_bins))
+
+
+@given(finite, st.floats(1e-3, 1e6), st.integers(2, 40))
+def test_values_on_edges_are_counted_as_numpy_histogram_does(low, width, n_bins):
+    edges = np.linspace(low, low + width, n_bins + 1)
+    x = np.concatenate(
+        [edges, np.nextafter(edges[1:-1], -np.inf), np.nextafter(edges[1:-1], np.inf)]
+    )
+    counts = np.bincount(bin_codes(x[:, None], n_bins)[0], minlength=n_bins)
+    np.testing.assert_array_equal(counts, np.histogram(x, n_bins)[0])
+
+
+def test_every_column_has_its_own_range_and_a_constant_one_falls_in_bin_zero(rng):
+    X = np.column_stack([rng.normal(size=500), 1e6 * rng.uniform(size=500), np.full(500, 7.0)])
+    codes = bin_codes(X, 10)
+    assert codes.dtype == np.uint8
+    assert codes.flags.c_contiguous
+    for column, row in zip(X.T, codes, strict=True):
+        np.testing.assert_array_equal(row, codes_by_edges(column, 10))
+
+
+def test_layout_and_number_type_of_the_input_do_not_matter(rng):
+    X = rng.integers(0, 50, size=(200, 4))
+    expected = bin_codes(X.astype(float))
+    np.testing.assert_array_equal(bin_codes(X), expected)
+    np.testing.assert_array_equal(bin_codes(np.asfortranarray(X)), expected)
+    np.testing.assert_array_equal(bin_codes(X.astype(np.float32)), expected)
+    np.testing.assert_array_equal(bin_codes(X.tolist()), expected)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_value_that_is_not_finite_is_refused_with_its_column(bad):
+    X = np.zeros((5, 3))
+    X[2, 1] = bad
+    with pytest.raises(InvalidInputError, match=r"X must be finite .* column 1 .* \(1 such"):
+        bin_codes(X)
+
+
+def test_a_span_beyond_floating_point_is_refused():
+    with pytest.raises(InvalidInputError, match="span less than"):
+        bin_codes([[-1.7e308], [1.7e308]])
+
+
+@pytest.mark.parametrize("n_bins", [1, 0, -3, 257, 2.5, "10"])
+def test_a_number_of_bins_out_of_range_is_refused(n_bins):
+    with pytest.raises(InvalidInputError, match="n_bins must be an integer from 2 to 256"):
+        bin_codes([[0.0], [1.0]], n_bins)
+
+
+@pytest.mark.parametrize("shape", [(5,), (0, 3), (5, 0), (2, 2, 2)])
+def test_what_is_no_table_is_refused(shape):
+    with pytest.raises(InvalidInputError, match="X must be a table of shape"):
+        bin_codes(np.zeros(shape))
+
+
+def test_text_is_refused():
+    with pytest.raises(InvalidInputError, match="targets must be an array of numbers"):
+        bin_codes([["a"], ["b"]], name="targets")
