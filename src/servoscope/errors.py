@@ -27,3 +27,7 @@ class RunFolderError(ServoscopeError, ValueError):
 
 class MissingExtraError(ServoscopeError, ImportError):
     """An optional dependency is not installed."""
+
+
+class ServoscopeWarning(UserWarning):
+    """Something that did not stop the work but that its user should know."""

@@ -1,0 +1,71 @@
+"""The frames of a source: names, poses and times, before any image is read."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.errors import DataSetError
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Images by name, each with its pose.
+
+    Parameters
+    ----------
+    folder : Path
+        That the names are relative to.
+    names : list of n str
+        All different.
+    numbers : ndarray of shape (n,), int
+        Place of each in the list that it was read from, counting from 0.
+    T_world_cam : ndarray of shape (n, 4, 4)
+        [m], OpenCV axes.
+    times : ndarray of shape (n,), optional
+        [s].
+    """
+
+    folder: Path
+    names: list[str]
+    numbers: NDArray[np.intp]
+    T_world_cam: NDArray[np.float64]
+    times: NDArray[np.float64] | None = None
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def paths(self) -> list[Path]:
+        """Files of the images."""
+        return [self.folder / name for name in self.names]
+
+    def take(self, kept: NDArray[np.bool_]) -> Frames:
+        """The frames where `kept` is true."""
+        return Frames(
+            self.folder,
+            [name for name, keep in zip(self.names, kept, strict=True) if keep],
+            self.numbers[kept],
+            self.T_world_cam[kept],
+            None if self.times is None else self.times[kept],
+        )
+
+
+def check_names_differ(names: list[str], path: Path) -> None:
+    """Check that no image is named twice.
+
+    Raises
+    ------
+    DataSetError
+        Whatever the options are: which of its poses is right is not known.
+    """
+    repeated = [name for name, count in Counter(names).items() if count > 1]
+    if repeated:
+        raise DataSetError(
+            f"{path} names {repeated[0]} more than once ({len(repeated)} such images); keep one "
+            "pose for each image."
+        )

@@ -1,0 +1,111 @@
+"""What a user may choose when importing images with poses, whatever their format."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from servoscope.errors import InvalidInputError
+
+Direction = Literal["camera-to-world", "world-to-camera"]
+Units = Literal["m", "mm"]
+Axes = Literal["opencv", "opengl"]
+QuaternionOrder = Literal["xyzw", "wxyz"]
+
+MOST_NEIGHBOURS = "most-neighbours"
+"""The `reference` that asks for the frame with most neighbours."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportOptions:
+    """Options of every format. The conventions are never guessed from the data.
+
+    Raises
+    ------
+    InvalidInputError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> ImportOptions(units="mm", max_mm=150, max_deg=20).direction
+    'camera-to-world'
+    """
+
+    image_width: int | None = None
+    """Width [px] that images are resized to, keeping their aspect ratio; unchanged by default."""
+
+    reference: str = MOST_NEIGHBOURS
+    """Name of the reference frame, or "most-neighbours": the frame with most others within
+    max-mm and max-deg of it."""
+
+    reference_index: int | None = None
+    """Number of the reference frame in the list of images, counting from 0, instead of its
+    name."""
+
+    max_mm: float | None = None
+    """Keep only frames whose camera is at most this far from the reference [mm]; all by
+    default."""
+
+    max_deg: float | None = None
+    """Keep only frames turned by at most this angle from the reference [deg]; all by default."""
+
+    pivot_mm: float = 550.0
+    """Distance of the pivot of the displacements from the camera along its optical axis [mm]:
+    about the distance of the part; 0 for displacements of the camera itself."""
+
+    direction: Direction = "camera-to-world"
+    """What the poses map: camera coordinates to world (the position of the camera stands in
+    tx, ty, tz), or world to camera."""
+
+    units: Units = "m"
+    """Unit of tx, ty and tz."""
+
+    axes: Axes = "opencv"
+    """Camera axes of the poses: opencv (x right, y down, z forward) or opengl (x right, y up,
+    z backward)."""
+
+    split: Literal["auto", "random", "blocks"] = "auto"
+    """How images are split for training and testing: at random, by blocks of time, or auto:
+    by blocks where times are known."""
+
+    skip_bad: bool = False
+    """Leave out unreadable images and unusable poses, and count them, instead of stopping."""
+
+    @property
+    def names_reference(self) -> bool:
+        """Whether the user named the reference frame, by name or by number."""
+        return self.reference != MOST_NEIGHBOURS or self.reference_index is not None
+
+    def __post_init__(self) -> None:
+        for name, choices in _choices(type(self)).items():
+            if getattr(self, name) not in choices:
+                raise InvalidInputError(
+                    f"{name} must be one of {', '.join(choices)}, got {getattr(self, name)!r}."
+                )
+        if self.reference != MOST_NEIGHBOURS and self.reference_index is not None:
+            raise InvalidInputError(
+                f"Give reference ({self.reference!r}) or reference_index "
+                f"({self.reference_index}), not both."
+            )
+        for name in ("max_mm", "max_deg", "image_width"):
+            self._check_number(name, above_zero=True)
+        for name in ("pivot_mm", "reference_index"):
+            self._check_number(name, above_zero=False)
+
+    def _check_number(self, name: str, *, above_zero: bool) -> None:
+        value = getattr(self, name)
+        if value is None or (np.isfinite(value) and (value > 0 or (value == 0 and not above_zero))):
+            return
+        range_ = "above 0" if above_zero else "not below 0"
+        raise InvalidInputError(f"{name} must be a finite number {range_}, got {value}.")
+
+
+def _choices(options: type[ImportOptions]) -> dict[str, tuple[Any, ...]]:
+    hints = get_type_hints(options)
+    return {
+        field.name: get_args(hints[field.name])
+        for field in fields(options)
+        if get_origin(hints[field.name]) is Literal
+    }

@@ -1,0 +1,170 @@
+"""A TUM sequence: ``rgb.txt`` and ``groundtruth.txt``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from servoscope.dataset import PoseImageSet
+from servoscope.errors import DataSetError
+from servoscope.formats.assembly import assemble_data_set
+from servoscope.formats.conventions import T_world_cam_from_numbers
+from servoscope.formats.drops import BAD_POSE, NO_POSE, Drops
+from servoscope.formats.frames import Frames, check_names_differ
+from servoscope.formats.options import ImportOptions, QuaternionOrder
+from servoscope.formats.pairing import Trajectory, pair_in_time
+from servoscope.formats.pose_text import (
+    check_folder,
+    parse_numbers,
+    parse_pose,
+    read_text,
+    relative_name,
+)
+
+_COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TumOptions(ImportOptions):
+    """Options of a TUM sequence.
+
+    Examples
+    --------
+    >>> TumOptions(reference_index=144, max_mm=150, max_deg=20).max_gap_s
+    0.02
+    """
+
+    max_gap_s: float = 0.02
+    """Largest gap between an image and the pose nearest in time [s]; images without a pose that
+    near are left out."""
+
+    pairing: Literal["interpolate", "nearest"] = "interpolate"
+    """The pose of an image: interpolated between the poses before and after it, or the nearest
+    one as it stands."""
+
+    quaternion_order: QuaternionOrder = "xyzw"
+    """Order of the quaternion's four numbers: scalar last, as the format has it, or first."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_number("max_gap_s", above_zero=False)
+
+
+def read_tum(
+    src: str | PathLike[str],
+    options: TumOptions | None = None,
+    on_progress: Callable[[int], object] | None = None,
+) -> PoseImageSet:
+    """Data set from a TUM sequence.
+
+    ``rgb.txt`` has lines ``timestamp filename``, ``groundtruth.txt`` has lines ``timestamp tx ty
+    tz qx qy qz qw``, in any order; lines that begin with ``#`` are comments. Each image gets the
+    pose of its time.
+
+    Parameters
+    ----------
+    src : path-like
+    options : TumOptions, optional
+    on_progress : callable, optional
+        Called with the number of images read.
+
+    Returns
+    -------
+    PoseImageSet
+        In the order of ``rgb.txt``. The reference frame is one of them, with displacement zero.
+
+    Raises
+    ------
+    DataSetError
+        If a file is missing, damaged or inconsistent, or no image has a pose near in time.
+
+    Warns
+    -----
+    ServoscopeWarning
+        If anything was left out, with counts and reasons.
+
+    Notes
+    -----
+    Between two poses the camera is taken to move at constant velocity and to turn at constant
+    angular velocity about a fixed axis.
+
+    References
+    ----------
+    J. Sturm, N. Engelhard, F. Endres, W. Burgard, D. Cremers, "A benchmark for the evaluation of
+    RGB-D SLAM systems", IROS 2012.
+
+    Examples
+    --------
+    >>> options = TumOptions(reference_index=144, max_mm=150, max_deg=20)
+    >>> data = read_tum("rgbd_dataset_freiburg1_rpy", options)  # doctest: +SKIP
+    """
+    options = TumOptions() if options is None else options
+    folder, drops = Path(src), Drops()
+    check_folder(folder, "rgb.txt", "groundtruth.txt")
+    names, times = _read_image_list(folder / "rgb.txt")
+    trajectory = _read_trajectory(folder / "groundtruth.txt", options, drops)
+    T_world_cam, gaps = pair_in_time(trajectory, times, options.pairing)
+    frames = Frames(folder, names, np.arange(len(names)), T_world_cam, times)
+    paired = gaps <= options.max_gap_s
+    if not paired.any():
+        raise DataSetError(
+            f"{folder}: no image of rgb.txt has a pose in groundtruth.txt within "
+            f"{options.max_gap_s:g} s (the least gap is {gaps.min():.6g} s); check that both count "
+            "seconds from the same moment, or raise --max-gap-s."
+        )
+    drops.add(NO_POSE, frames.take(~paired).names)
+    return assemble_data_set(frames.take(paired), options, drops, "tum", on_progress)
+
+
+def _read_image_list(path: Path) -> tuple[list[str], np.ndarray]:
+    names, times = [], []
+    for where, line in _lines(path):
+        fields = line.split(maxsplit=1)
+        if len(fields) != 2:
+            raise DataSetError(f"{where}: must be 'timestamp filename', got {line!r}.")
+        times += parse_numbers(fields[:1], _COLUMNS[:1], where)
+        names.append(relative_name(fields[1], where))
+    if not names:
+        raise DataSetError(f"{path} names no image; its lines must be 'timestamp filename'.")
+    check_names_differ(names, path)
+    return names, np.array(times)
+
+
+def _read_trajectory(path: Path, options: TumOptions, drops: Drops) -> Trajectory:
+    rows = []
+    for where, line in _lines(path):
+        fields = line.split()
+        try:
+            if len(fields) != 8:
+                raise DataSetError(f"{where}: must be {' '.join(_COLUMNS)!r}, got {line!r}.")
+            time = parse_numbers(fields[:1], _COLUMNS[:1], where)
+            rows.append(time + parse_pose(fields[1:], _COLUMNS[1:], where))
+        except DataSetError:
+            if not options.skip_bad:
+                raise
+            drops.add(BAD_POSE, [Path(where).name])
+    if not rows:
+        raise DataSetError(f"{path} holds no pose; its lines must be {' '.join(_COLUMNS)!r}.")
+    table = np.array(rows)
+    T_world_cam = T_world_cam_from_numbers(
+        table[:, 1:],
+        direction=options.direction,
+        units=options.units,
+        quaternion_order=options.quaternion_order,
+        axes=options.axes,
+    )
+    return Trajectory(table[:, 0], T_world_cam)
+
+
+def _lines(path: Path) -> list[tuple[str, str]]:
+    lines = [line.strip() for line in read_text(path).splitlines()]
+    return [
+        (f"{path}, line {number}", line)
+        for number, line in enumerate(lines, start=1)
+        if line and not line.startswith("#")
+    ]
