@@ -46,8 +46,10 @@ def bin_codes(X: ArrayLike, n_bins: int = 10, name: str = "X") -> Codes:
     array([[0, 1, 3, 3]], dtype=uint8)
     """
     _check_n_bins(n_bins)
-    values = _finite_table(X, name)
-    return _codes(values, values.min(axis=0), values.max(axis=0), n_bins)
+    values = _table(X, name)
+    low, high = values.min(axis=0), values.max(axis=0)
+    _check_span(low, high, name)
+    return _codes(values, low, high, n_bins)
 
 
 def _check_n_bins(n_bins: int) -> None:
@@ -55,7 +57,7 @@ def _check_n_bins(n_bins: int) -> None:
         raise InvalidInputError(f"n_bins must be an integer from 2 to {MAX_BINS}, got {n_bins!r}.")
 
 
-def _finite_table(X: ArrayLike, name: str) -> NDArray[np.float64]:
+def _table(X: ArrayLike, name: str) -> NDArray[np.float64]:
     try:
         values = np.ascontiguousarray(X, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -65,15 +67,17 @@ def _finite_table(X: ArrayLike, name: str) -> NDArray[np.float64]:
             f"{name} must be a table of shape (n_samples, n_columns) with at least one of each, "
             f"got the shape {values.shape}."
         )
+    return values
+
+
+def _check_span(low: NDArray[np.float64], high: NDArray[np.float64], name: str) -> None:
     with np.errstate(over="ignore", invalid="ignore"):
-        spans = values.max(axis=0) - values.min(axis=0)
-    bad = np.flatnonzero(~np.isfinite(spans))
+        bad = np.flatnonzero(~np.isfinite(high - low))
     if bad.size:
         raise InvalidInputError(
             f"{name} must be finite and span less than 1.8e308, but column {bad[0]} holds NaN, "
             f"infinity or larger numbers ({bad.size} such columns); remove or mend those values."
         )
-    return values
 
 
 @njit(cache=True)
