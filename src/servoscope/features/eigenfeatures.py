@@ -1,0 +1,145 @@
+"""Eigenfeatures: projections of images onto their leading eigenvectors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.errors import InvalidInputError
+from servoscope.features.image_basis import ImageBasis, compute_image_basis
+from servoscope.features.image_transformer import ImageTransformer
+from servoscope.features.pixels import ImageShape, project_images
+
+
+class Eigenfeatures(ImageTransformer):
+    """Projections of images onto the leading eigenvectors of the training images.
+
+    Parameters
+    ----------
+    n_components : int
+        Number of eigenvectors.
+    image_shape : (height, width), optional
+        What flat images are; 1 x n_pixels by default.
+    basis : ImageBasis, optional
+        Eigenvectors computed before, of which the first `n_components` are used; `fit` then
+        only checks that the images are of their size.
+
+    Attributes
+    ----------
+    basis_ : ImageBasis
+        The eigenvectors in use.
+    image_shape_ : (height, width)
+    n_features_in_ : int
+        Pixels of an image.
+
+    Raises
+    ------
+    InvalidInputError
+        If there are fewer independent images than `n_components`, an image is not of the size
+        seen in `fit`, or a pixel is not finite.
+
+    Notes
+    -----
+    Eq. 8-12 of [1]_: each image is divided by its Euclidean length (a black one stays black),
+    the mean of the training images is subtracted, and what is left is projected.
+
+    References
+    ----------
+    .. [1] G. Wells and C. Torras, "Assessing image features for vision-based robot positioning",
+       Journal of Intelligent and Robotic Systems 30 (2001), 95-118.
+
+    Examples
+    --------
+    >>> images = np.random.default_rng(0).integers(0, 256, (20, 8, 8), dtype=np.uint8)
+    >>> eigenfeatures = Eigenfeatures(n_components=3).fit(images)
+    >>> eigenfeatures.transform(images).shape
+    (20, 3)
+    >>> eigenfeatures.get_feature_names_out()
+    array(['e_00', 'e_01', 'e_02'], dtype=object)
+    """
+
+    _min_images = 2
+    _min_pixels = 2
+
+    def __init__(
+        self,
+        n_components: int = 35,
+        image_shape: ImageShape | None = None,
+        basis: ImageBasis | None = None,
+    ) -> None:
+        self.n_components = n_components
+        self.image_shape = image_shape
+        self.basis = basis
+
+    def fit(self, X: Any, y: Any = None) -> Eigenfeatures:
+        """Compute the eigenvectors of images.
+
+        Parameters
+        ----------
+        X : array of shape (n_images, height, width) or (n_images, height * width)
+        y : ignored
+
+        Returns
+        -------
+        Eigenfeatures
+            Itself.
+        """
+        flat = self._images_to_fit(X)
+        self.basis_ = fitted_basis(flat, self.n_components, self.image_shape_, self.basis)
+        return self
+
+    def transform(self, X: Any) -> NDArray[np.float64]:
+        """Eigenfeatures of images.
+
+        Parameters
+        ----------
+        X : array of shape (n_images, height, width) or (n_images, height * width)
+
+        Returns
+        -------
+        ndarray of shape (n_images, n_components)
+        """
+        flat = self._images_to_transform(X)
+        return project_images(flat, self.basis_.mean, self.basis_.components)
+
+    @property
+    def components_(self) -> NDArray[Any]:
+        """Unit eigenvectors, of shape (n_components, n_pixels)."""
+        return self.basis_.components
+
+    @property
+    def eigenvalues_(self) -> NDArray[np.float64]:
+        """Eigenvalues of ``X X^T``, largest first, of shape (n_components,)."""
+        return self.basis_.eigenvalues
+
+    @property
+    def mean_(self) -> NDArray[np.float64]:
+        """Mean of the normalised training images, of shape (n_pixels,)."""
+        return self.basis_.mean
+
+    def _feature_names(self) -> list[str]:
+        return [f"e_{i:02d}" for i in range(len(self.basis_))]
+
+
+def fitted_basis(
+    flat: NDArray[Any], n_components: int, image_shape: ImageShape, basis: ImageBasis | None
+) -> ImageBasis:
+    """The leading eigenvectors of a basis that was given, or else of the images.
+
+    Raises
+    ------
+    InvalidInputError
+        If the basis is of images of another size or has fewer than `n_components` eigenvectors.
+    """
+    if basis is None:
+        return compute_image_basis(flat, n_components, image_shape)
+    if basis.image_shape != image_shape:
+        raise InvalidInputError(
+            "The basis is of images of {} x {} (height x width), but the images are of "
+            "{} x {}; compute the basis from images of this size.".format(
+                *basis.image_shape, *image_shape
+            )
+        )
+    return basis.leading(n_components)

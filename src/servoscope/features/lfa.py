@@ -1,0 +1,202 @@
+"""Local feature analysis: outputs of local receptive fields where they covary with the pose."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.utils import Tags
+from sklearn.utils.validation import check_is_fitted
+
+from servoscope.errors import InvalidInputError
+from servoscope.features.eigenfeatures import fitted_basis
+from servoscope.features.image_basis import ImageBasis
+from servoscope.features.image_transformer import ImageTransformer, target_names
+from servoscope.features.local_maxima import brightest_separate, filter_centre_weighted
+from servoscope.features.pixels import ImageShape, project_images
+
+Array = NDArray[np.float64]
+
+
+class LocalFeatureAnalysis(ImageTransformer):
+    """Outputs of the local receptive fields that covary most with each degree of freedom.
+
+    Parameters
+    ----------
+    n_components : int
+        Number of eigenvectors that the receptive fields are made of.
+    n_per_dof : int
+        Number of receptive fields chosen for each degree of freedom.
+    window : int
+        Side of the subwindows in which covariance is gathered, [px]; even.
+    image_shape : (height, width), optional
+        What flat images are; 1 x n_pixels by default.
+    basis : ImageBasis, optional
+        Eigenvectors computed before, of which the first `n_components` are used.
+
+    Attributes
+    ----------
+    basis_ : ImageBasis
+        The eigenvectors in use.
+    covariance_ : ndarray of shape (n_targets, height, width)
+        Covariance of the LFA output at every pixel with each displacement, scaled to [-1, 1].
+    filtered_ : ndarray of shape (n_targets, height, width)
+        Its magnitude, averaged with the centre-weighted mask.
+    locations_ : ndarray of shape (n_targets, n_per_dof, 2)
+        Row and column of the receptive fields chosen, brightest first.
+    image_shape_ : (height, width)
+    n_features_in_ : int
+        Pixels of an image.
+
+    Raises
+    ------
+    InvalidInputError
+        If there are fewer independent images than `n_components`, the image has no room for
+        `n_per_dof` separate subwindows, an image is not of the size seen in `fit`, or a number
+        is not finite.
+
+    Notes
+    -----
+    Eq. 15-18 of [1]_. The n_pixels x n_pixels matrix ``K = E diag(lambda^-1/2) E^T`` (eq. 16) is
+    never formed: its products with images, and the few of its columns that are wanted, come from
+    its factors. Eq. 18 as printed, ``Y P^T``, does not conform; ``Y P`` is meant.
+
+    The locations follow section 4 and figure 7: the magnitude of the covariance is filtered with
+    a mask of inverse distances to its centre, and the subwindows of greatest intensity are taken
+    one after the other. The paper does not say whether they may overlap. Here the window slides
+    by single pixels, and one that overlaps another already taken is passed over: otherwise all of
+    them would crowd around one maximum. The centre of an even window lies between pixels; the
+    receptive field is that of the pixel below and to the right of it.
+
+    References
+    ----------
+    .. [1] G. Wells and C. Torras, "Assessing image features for vision-based robot positioning",
+       Journal of Intelligent and Robotic Systems 30 (2001), 95-118.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> images = rng.integers(0, 256, (20, 16, 16), dtype=np.uint8)
+    >>> delta_p = rng.uniform(-1, 1, (20, 6))
+    >>> lfa = LocalFeatureAnalysis(n_components=5, n_per_dof=2, window=4).fit(images, delta_p)
+    >>> lfa.transform(images).shape
+    (20, 12)
+    >>> lfa.get_feature_names_out()[:3]
+    array(['lfa_tx_00', 'lfa_tx_01', 'lfa_ty_00'], dtype=object)
+    """
+
+    _min_images = 2
+    _min_pixels = 2
+
+    def __init__(
+        self,
+        n_components: int = 35,
+        n_per_dof: int = 12,
+        window: int = 12,
+        image_shape: ImageShape | None = None,
+        basis: ImageBasis | None = None,
+    ) -> None:
+        self.n_components = n_components
+        self.n_per_dof = n_per_dof
+        self.window = window
+        self.image_shape = image_shape
+        self.basis = basis
+
+    def fit(self, X: Any, y: Any) -> LocalFeatureAnalysis:
+        """Choose the receptive fields that covary most with the displacements.
+
+        Parameters
+        ----------
+        X : array of shape (n_images, height, width) or (n_images, height * width)
+        y : array of shape (n_images, n_targets) or (n_images,)
+            Displacement of each image from the reference, [m] and [rad], in `DOFS` order if
+            there are six.
+
+        Returns
+        -------
+        LocalFeatureAnalysis
+            Itself.
+        """
+        if not isinstance(self.n_per_dof, int | np.integer) or self.n_per_dof < 1:
+            raise InvalidInputError(
+                f"n_per_dof must be a whole number from 1, got {self.n_per_dof!r}."
+            )
+        flat, delta_p = self._images_and_targets_to_fit(X, y)
+        self.basis_ = fitted_basis(flat, self.n_components, self.image_shape_, self.basis)
+        projections = project_images(flat, self.basis_.mean, self.basis_.components)
+        self.covariance_ = self._pose_covariance(projections, delta_p)
+        self.filtered_ = np.stack(
+            [filter_centre_weighted(np.abs(image), self.window) for image in self.covariance_]
+        )
+        self.locations_ = np.stack(
+            [brightest_separate(image, self.n_per_dof, self.window) for image in self.filtered_]
+        )
+        return self
+
+    def transform(self, X: Any) -> Array:
+        """Outputs of the chosen receptive fields.
+
+        Parameters
+        ----------
+        X : array of shape (n_images, height, width) or (n_images, height * width)
+
+        Returns
+        -------
+        ndarray of shape (n_images, n_targets * n_per_dof)
+        """
+        flat = self._images_to_transform(X)
+        rows, columns = self.locations_.reshape(-1, 2).T
+        projections = project_images(flat, self.basis_.mean, self.basis_.components)
+        return projections @ self._whitened(rows * self.image_shape_[1] + columns)
+
+    def receptive_field(self, row: int, column: int) -> Array:
+        """The receptive field of a pixel: its column of ``K``, as an image.
+
+        Parameters
+        ----------
+        row, column : int
+            [px].
+
+        Returns
+        -------
+        ndarray of shape (height, width)
+
+        Raises
+        ------
+        InvalidInputError
+            If the pixel is outside the image.
+        """
+        check_is_fitted(self)
+        height, width = self.image_shape_
+        if not (0 <= row < height and 0 <= column < width):
+            raise InvalidInputError(
+                f"The pixel must be inside the image of {height} x {width} (height x width), "
+                f"got row {row} and column {column}."
+            )
+        weights = self._whitened(np.array([row * width + column]))[:, 0]
+        return (weights @ self.basis_.components).reshape(height, width)
+
+    def _whitened(self, pixels: NDArray[np.intp]) -> Array:
+        """What the eigenvectors are weighted with in the columns of ``K`` of these pixels."""
+        return self.basis_.components[:, pixels] / np.sqrt(self.basis_.eigenvalues)[:, None]
+
+    def _pose_covariance(self, projections: Array, delta_p: Array) -> Array:
+        weights = (projections.T @ delta_p) / np.sqrt(self.basis_.eigenvalues)[:, None]
+        covariance = weights.T @ self.basis_.components
+        largest = np.abs(covariance).max(axis=1, keepdims=True)
+        covariance /= np.where(largest > 0, largest, 1.0)
+        return covariance.reshape(-1, *self.image_shape_)
+
+    def _feature_names(self) -> list[str]:
+        return [
+            f"lfa_{name}_{i:02d}"
+            for name in target_names(len(self.locations_))
+            for i in range(self.locations_.shape[1])
+        ]
+
+    def __sklearn_tags__(self) -> Tags:
+        tags = super().__sklearn_tags__()
+        tags.target_tags.required = True
+        tags.target_tags.multi_output = True
+        return tags

@@ -1,0 +1,213 @@
+"""Geometric moment descriptors of intensity slices."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.errors import InvalidInputError
+from servoscope.features.image_transformer import ImageTransformer
+from servoscope.features.pixels import ImageShape
+from servoscope.features.raw_moments import compute_raw_moments
+
+DESCRIPTORS = ("x", "y", "theta", "r1", "r2", "m00", "sx", "sy")
+"""The descriptors of one slice, in the order of the features."""
+
+PAPER_SLICES = ((0, 50), (50, 100), (100, 150))
+"""The intensity slices of the paper."""
+
+Array = NDArray[np.float64]
+
+
+class GeometricMoments(ImageTransformer):
+    """Centroid, orientation, radii, mass and skewness of each intensity slice of an image.
+
+    Parameters
+    ----------
+    slices : sequence of (lower, upper)
+        A pixel is in the slice if ``lower <= grey < upper``, so a grey level that ends one slice
+        and begins the next is counted once. An upper bound names the slice's features and must
+        stand only once; 256 takes in white.
+    image_shape : (height, width), optional
+        What flat images are; 1 x n_pixels by default.
+
+    Attributes
+    ----------
+    image_shape_ : (height, width)
+    n_features_in_ : int
+        Pixels of an image.
+
+    Raises
+    ------
+    InvalidInputError
+        If a slice is empty or out of range, an image is not of the size seen in `fit`, or a pixel
+        is not finite.
+
+    Notes
+    -----
+    Eq. 1-7 of [1]_, with x the column and y the row, [px], and f the grey level inside the slice
+    and 0 outside. Black pixels, of grey level 0, therefore weigh nothing in the slice 0-50.
+    Images that are not uint8 are rounded and clipped to 0..255.
+
+    - ``x``, ``y`` (eq. 2): centroid. The middle of the image for an empty slice.
+    - ``theta`` (eq. 6): angle of the major axis from x towards y, in (-pi/2, pi/2], by the
+      two-argument arctangent; the one-argument form as printed gives the axis nearest to x. It
+      jumps by pi where the axis crosses the vertical. 0 if no axis is the longer one.
+    - ``r1``, ``r2`` (eq. 3 and 5): radii of inertia along the major and the minor axis. The sign
+      of the off-diagonal in eq. 3 has no bearing on them.
+    - ``m00`` (eq. 1): sum of the grey levels.
+    - ``sx``, ``sy`` (eq. 7): skewness along x and y, as printed; that is, without the factor
+      ``sqrt(m00)`` that would make it independent of the mass. 0 for a slice with no extent in
+      that direction.
+
+    All of them except the centroid are 0 for an empty slice, and all except the centroid and the
+    mass for a single pixel. Nothing is ever NaN.
+
+    References
+    ----------
+    .. [1] G. Wells and C. Torras, "Assessing image features for vision-based robot positioning",
+       Journal of Intelligent and Robotic Systems 30 (2001), 95-118.
+
+    Examples
+    --------
+    >>> images = np.full((1, 20, 20), 255, np.uint8)
+    >>> images[0, 5:10, 2:14] = 30
+    >>> moments = GeometricMoments().set_output(transform="pandas")
+    >>> moments.fit_transform(images)[["x_50", "y_50", "m00_50"]].to_numpy()
+    array([[   7.5,    7. , 1800. ]])
+    """
+
+    def __init__(
+        self,
+        slices: Sequence[tuple[int, int]] = PAPER_SLICES,
+        image_shape: ImageShape | None = None,
+    ) -> None:
+        self.slices = slices
+        self.image_shape = image_shape
+
+    def fit(self, X: Any, y: Any = None) -> GeometricMoments:
+        """Take note of the size of the images; nothing else is learned.
+
+        Parameters
+        ----------
+        X : array of shape (n_images, height, width) or (n_images, height * width)
+        y : ignored
+
+        Returns
+        -------
+        GeometricMoments
+            Itself.
+        """
+        _check_slices(self.slices)
+        self._images_to_fit(X)
+        return self
+
+    def transform(self, X: Any) -> Array:
+        """Moment descriptors of images.
+
+        Parameters
+        ----------
+        X : array of shape (n_images, height, width) or (n_images, height * width)
+
+        Returns
+        -------
+        ndarray of shape (n_images, 8 * n_slices)
+            Lengths in [px], angles in [rad].
+        """
+        images = _grey_levels(self._images_to_transform(X)).reshape(-1, *self.image_shape_)
+        raw = compute_raw_moments(images, self.slices)
+        return compute_descriptors(raw, self.image_shape_).reshape(len(images), -1)
+
+    def _feature_names(self) -> list[str]:
+        return [f"{name}_{upper}" for _, upper in self.slices for name in DESCRIPTORS]
+
+
+def compute_descriptors(raw: NDArray[np.int64], image_shape: ImageShape) -> Array:
+    """The eight descriptors of eq. 2-7 from raw moments; see `GeometricMoments`.
+
+    Parameters
+    ----------
+    raw : ndarray of shape (..., 10), int64
+        As `compute_raw_moments` gives them.
+    image_shape : (height, width)
+
+    Returns
+    -------
+    ndarray of shape (..., 8)
+    """
+    height, width = image_shape
+    m00, m10, m01, m20, m11, m02, m30, _, _, m03 = np.moveaxis(raw, -1, 0)
+    empty, mass = m00 == 0, np.maximum(m00, 1)
+    # Exact moments about the pixel nearest to the centroid leave nothing to cancel in floats.
+    x0, y0 = (2 * m10 + mass) // (2 * mass), (2 * m01 + mass) // (2 * mass)
+    x1, x2, x3 = _shifted(m00, m10, m20, m30, x0)
+    y1, y2, y3 = _shifted(m00, m01, m02, m03, y0)
+    mu20, mu02 = _less_product(x2, x1, x1, mass), _less_product(y2, y1, y1, mass)
+    mu11 = _less_product(m11 - x0 * m01 - y0 * m10 + x0 * y0 * m00, x1, y1, mass)
+    dx, dy = x1 / mass, y1 / mass
+    theta = 0.5 * np.arctan2(2 * mu11, mu20 - mu02)
+    middle, spread = (mu20 + mu02) / 2, np.hypot((mu20 - mu02) / 2, mu11)
+    return np.stack(
+        [
+            np.where(empty, (width - 1) / 2, x0 + dx),
+            np.where(empty, (height - 1) / 2, y0 + dy),
+            theta,
+            np.sqrt((middle + spread) / mass),
+            np.sqrt(np.maximum(middle - spread, 0) / mass),
+            m00.astype(np.float64),
+            _skewness(x3 - 3 * dx * x2 + 2 * dx**2 * x1, mu20),
+            _skewness(y3 - 3 * dy * y2 + 2 * dy**2 * y1, mu02),
+        ],
+        axis=-1,
+    )
+
+
+def _shifted(
+    m0: NDArray[np.int64], m1: NDArray[Any], m2: NDArray[Any], m3: NDArray[Any], a: NDArray[Any]
+) -> tuple[NDArray[np.int64], ...]:
+    """Moments of orders 1 to 3 along one axis, about the integer `a` instead of 0.
+
+    Intermediate sums may wrap around in 64 bits; the results fit, so they are exact.
+    """
+    s1 = m1 - a * m0
+    s2 = m2 - a * (m1 + s1)
+    s3 = m3 - a * (m2 + s2 + (m2 - a * m1))
+    return s1, s2, s3
+
+
+def _less_product(
+    m: NDArray[np.int64], a: NDArray[Any], b: NDArray[Any], mass: NDArray[Any]
+) -> Array:
+    """``m - a b / mass`` with one rounding, so that what should be 0 is 0."""
+    quotient, remainder = np.divmod(a * b, mass)
+    return (m - quotient) - remainder / mass
+
+
+def _skewness(third: Array, second: Array) -> Array:
+    flat = second <= 0
+    return np.where(flat, 0.0, third / np.where(flat, 1.0, second) ** 1.5)
+
+
+def _grey_levels(pixels: NDArray[Any]) -> NDArray[np.uint8]:
+    if pixels.dtype == np.uint8:
+        return pixels
+    return np.rint(np.clip(pixels, 0, 255)).astype(np.uint8)
+
+
+def _check_slices(slices: Any) -> None:
+    try:
+        bounds = [(int(lower), int(upper)) for lower, upper in slices]
+    except (TypeError, ValueError):
+        bounds = []
+    if not bounds or not all(0 <= lower < upper <= 256 for lower, upper in bounds):
+        raise InvalidInputError(
+            "slices must be pairs (lower, upper) of grey levels, 0 <= lower < upper <= 256, "
+            f"got {slices!r}."
+        )
+    if len({upper for _, upper in bounds}) < len(bounds):
+        raise InvalidInputError(
+            f"Every slice must have an upper bound of its own, which names it, got {slices!r}."
+        )

@@ -1,0 +1,113 @@
+"""Pose-image covariance: images that say how brightness varies with each degree of freedom."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.utils import Tags
+
+from servoscope.features.image_transformer import ImageTransformer, target_names
+from servoscope.features.pixels import ImageShape, normalised_blocks, project_images, working_dtype
+
+
+class PoseImageCovariance(ImageTransformer):
+    """Projections of images onto the covariance of the training images with their poses.
+
+    Parameters
+    ----------
+    image_shape : (height, width), optional
+        What flat images are; 1 x n_pixels by default.
+
+    Attributes
+    ----------
+    components_ : ndarray of shape (n_targets, n_pixels)
+        One pose-image covariance vector for each column of the displacements.
+    mean_ : ndarray of shape (n_pixels,)
+        Mean of the normalised training images.
+    image_shape_ : (height, width)
+    n_features_in_ : int
+        Pixels of an image.
+
+    Raises
+    ------
+    InvalidInputError
+        If there are not as many displacements as images, an image is not of the size seen in
+        `fit`, or a number is not finite.
+
+    Notes
+    -----
+    Eq. 13-14 of [1]_. As printed, ``M = X P^T`` does not conform, X being n_pixels x n_images
+    and P n_images x 6; ``X P`` is meant. Here images are rows, so it is ``X.T @ delta_p``. The
+    displacements start at the reference and are not centred; as the images are, centring them
+    would change nothing.
+
+    References
+    ----------
+    .. [1] G. Wells and C. Torras, "Assessing image features for vision-based robot positioning",
+       Journal of Intelligent and Robotic Systems 30 (2001), 95-118.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> images = rng.integers(0, 256, (20, 8, 8), dtype=np.uint8)
+    >>> delta_p = rng.uniform(-1, 1, (20, 6))
+    >>> pci = PoseImageCovariance().fit(images, delta_p)
+    >>> pci.transform(images).shape
+    (20, 6)
+    >>> pci.get_feature_names_out()[[0, 5]]
+    array(['pci_tx', 'pci_rz'], dtype=object)
+    """
+
+    _min_images = 2
+    _min_pixels = 2
+
+    def __init__(self, image_shape: ImageShape | None = None) -> None:
+        self.image_shape = image_shape
+
+    def fit(self, X: Any, y: Any) -> PoseImageCovariance:
+        """Compute the covariance of images with displacements.
+
+        Parameters
+        ----------
+        X : array of shape (n_images, height, width) or (n_images, height * width)
+        y : array of shape (n_images, n_targets) or (n_images,)
+            Displacement of each image from the reference, [m] and [rad], in `DOFS` order if
+            there are six.
+
+        Returns
+        -------
+        PoseImageCovariance
+            Itself.
+        """
+        flat, delta_p = self._images_and_targets_to_fit(X, y)
+        self.mean_ = np.empty(flat.shape[1])
+        self.components_ = np.empty((delta_p.shape[1], flat.shape[1]), working_dtype(flat))
+        for pixels, block_mean, block in normalised_blocks(flat):
+            self.mean_[pixels] = block_mean
+            self.components_[:, pixels] = delta_p.T.astype(block.dtype) @ block
+        return self
+
+    def transform(self, X: Any) -> NDArray[np.float64]:
+        """Pose-image covariance features of images.
+
+        Parameters
+        ----------
+        X : array of shape (n_images, height, width) or (n_images, height * width)
+
+        Returns
+        -------
+        ndarray of shape (n_images, n_targets)
+        """
+        flat = self._images_to_transform(X)
+        return project_images(flat, self.mean_, self.components_)
+
+    def _feature_names(self) -> list[str]:
+        return [f"pci_{name}" for name in target_names(len(self.components_))]
+
+    def __sklearn_tags__(self) -> Tags:
+        tags = super().__sklearn_tags__()
+        tags.target_tags.required = True
+        tags.target_tags.multi_output = True
+        return tags
