@@ -59,6 +59,20 @@ def test_a_constant_feature_or_target_has_exactly_no_information(X, n_bins, cons
     assert (pairwise_mutual_information(with_constant, n_bins)[-1] == 0).all()
 
 
+@pytest.mark.parametrize("n_samples", [999, 54_321, 100_003])
+def test_a_constant_has_exactly_no_information_whatever_rounding_does(rng, n_samples):
+    X = rng.normal(size=(n_samples, 8))
+    constant = np.ones((n_samples, 1))
+    assert (mutual_information(X, constant) == 0).all()
+    assert (mutual_information(constant, X) == 0).all()
+
+
+@pytest.mark.parametrize("half", [4095, 4096, 4097, 50_000])
+def test_counts_of_every_size_are_weighed_alike(half):
+    x = np.repeat([0.0, 1.0], half)
+    assert pairwise_mutual_information(x[:, None], 2)[0, 0] == pytest.approx(1.0, abs=1e-12)
+
+
 @pytest.mark.parametrize("n_bins", [2, 10, 20])
 def test_evenly_spread_values_tell_all_about_themselves(n_bins):
     x = np.arange(1000.0 * n_bins)
