@@ -176,7 +176,7 @@ def _check(data: PoseImageSet) -> None:
             "images must be a uint8 array of shape (n_images, height, width) with at least one "
             f"image, got {images.dtype} of shape {images.shape}."
         )
-    expected = {
+    expected: dict[str, tuple[NDArray[Any], tuple[int, ...]]] = {
         "T_world_cam": (data.T_world_cam, (n_images, 4, 4)),
         "T_world_ref": (data.T_world_ref, (4, 4)),
         "reference_image": (data.reference_image, images.shape[1:]),

@@ -36,6 +36,17 @@ def is_data_set(folder: Folder) -> bool:
     return any((Path(folder) / part).exists() for part in (*_PARTS[:2], "images.zarr"))
 
 
+def check_free(folder: Folder) -> None:
+    """Raise FolderExistsError if the folder holds a data set, or is a file."""
+    path = Path(folder)
+    if is_data_set(path):
+        raise FolderExistsError(
+            f"{path} holds a data set already; name another folder, or replace it with --force."
+        )
+    if path.exists() and not path.is_dir():
+        raise FolderExistsError(f"{path} is a file; name a folder.")
+
+
 def remove(folder: Folder) -> None:
     """Remove the data set from the folder, and nothing else that may be in it."""
     for part in _PARTS:
@@ -54,12 +65,10 @@ def create(
         If the folder holds a data set already.
     """
     import zarr
+    from zarr.codecs import BloscCodec
 
     path = Path(folder)
-    if is_data_set(path):
-        raise FolderExistsError(
-            f"{path} holds a data set already; name another folder, or replace it with --force."
-        )
+    check_free(path)
     path.mkdir(parents=True, exist_ok=True)
     write_progress(path, plan or {}, 0)
     zarr.create_array(
@@ -67,7 +76,7 @@ def create(
         shape=(n_images, *image_shape),
         chunks=(min(IMAGES_PER_CHUNK, n_images), *image_shape),
         dtype="uint8",
-        compressors=zarr.codecs.BloscCodec(cname="lz4", clevel=3, shuffle="noshuffle"),
+        compressors=BloscCodec(cname="lz4", clevel=3, shuffle="noshuffle"),
     )
 
 

@@ -1,0 +1,128 @@
+"""The features of every family for one protocol and one displacement form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.dataset import PoseImageSet
+from servoscope.features import (
+    Eigenfeatures,
+    GeometricMoments,
+    ImageBasis,
+    LocalFeatureAnalysis,
+    PoseImageCovariance,
+)
+from servoscope.poses import DOFS
+
+N_INPUT_EIGENVECTORS = 24
+"""Eigenfeatures that the nets of family PCA take; all 35 are candidates for selection."""
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureTable:
+    """Features of all images, one column each.
+
+    Parameters
+    ----------
+    values : ndarray of shape (n_images, n_features)
+    names : tuple of n_features str
+        The candidates for selection first (moments, eigenfeatures, PCI), then the LFA features as
+        ``lfa35_tx_00``, ...
+    """
+
+    values: NDArray[np.float64]
+    names: tuple[str, ...]
+
+    @property
+    def candidates(self) -> NDArray[np.intp]:
+        """Columns of the features that selection chooses from: all but LFA, as in the paper."""
+        return np.array([i for i, name in enumerate(self.names) if not name.startswith("lfa")])
+
+    def family(self, family: str, dof: str) -> NDArray[np.intp]:
+        """Columns that a family's net for one dof takes as its inputs."""
+        eigenfeatures = {f"e_{i:02d}" for i in range(N_INPUT_EIGENVECTORS)}
+        prefixes = ("e_", "pci_", "lfa")
+        member = {
+            "gm": lambda name: not name.startswith(prefixes),
+            "pca": eigenfeatures.__contains__,
+            "pci": lambda name: name.startswith("pci_"),
+            "lfa35": lambda name: name.startswith(f"lfa35_{dof}_"),
+            "lfa85": lambda name: name.startswith(f"lfa85_{dof}_"),
+        }[family]
+        return np.array([i for i, name in enumerate(self.names) if member(name)])
+
+
+@dataclass(frozen=True, eq=False)
+class FeaturePictures:
+    """What the study's figures show of the families, float32.
+
+    ``eigenvectors`` (n, height, width); ``pci``, ``covariance``, ``filtered`` and ``lfa``
+    (6, height, width): the PCI vectors, the pose-LFA covariance from 85 eigenvectors, the same
+    filtered, and the first LFA vector chosen for each dof; ``locations`` (6, 12, 2): row and
+    column of the chosen LFA vectors.
+    """
+
+    eigenvectors: NDArray[np.float32]
+    pci: NDArray[np.float32]
+    covariance: NDArray[np.float32]
+    filtered: NDArray[np.float32]
+    lfa: NDArray[np.float32]
+    locations: NDArray[np.intp]
+
+
+def compute_feature_table(
+    data: PoseImageSet,
+    moments: NDArray[np.float64],
+    basis: ImageBasis,
+    train: NDArray[np.intp],
+    displacement: str,
+) -> tuple[FeatureTable, FeaturePictures]:
+    """Features of every image, with all that is fitted taken from the training images alone.
+
+    Parameters
+    ----------
+    data : PoseImageSet
+    moments : ndarray of shape (n_images, 24)
+        Geometric moments, which need no fitting.
+    basis : ImageBasis
+        Eigenvectors of the training images, 85 at least.
+    train : ndarray
+        Indices of the training images.
+    displacement : {"pivot", "camera"}
+    """
+    images, targets = data.images[train], data.delta_p(displacement)[train]
+    families = {
+        "e": Eigenfeatures(35, basis=basis),
+        "pci": PoseImageCovariance(),
+        "lfa35": LocalFeatureAnalysis(35, basis=basis),
+        "lfa85": LocalFeatureAnalysis(85, basis=basis),
+    }
+    columns = [moments]
+    names = list(GeometricMoments().fit(images).get_feature_names_out())
+    for family, transformer in families.items():
+        columns.append(transformer.fit(images, targets).transform(data.images))
+        for name in transformer.get_feature_names_out():
+            names.append(name.replace("lfa", family) if family.startswith("lfa") else name)
+    table = FeatureTable(np.column_stack(columns).astype(float), tuple(names))
+    pictures = _pictures(data.image_shape, families["e"], families["pci"], families["lfa85"])
+    return table, pictures
+
+
+def _pictures(
+    shape: tuple[int, int],
+    eigen: Eigenfeatures,
+    pci: PoseImageCovariance,
+    lfa: LocalFeatureAnalysis,
+) -> FeaturePictures:
+    first = [lfa.receptive_field(*lfa.locations_[dof, 0]) for dof in range(len(DOFS))]
+    return FeaturePictures(
+        eigenvectors=eigen.components_[:12].reshape(-1, *shape).astype(np.float32),
+        pci=pci.components_.reshape(-1, *shape).astype(np.float32),
+        covariance=lfa.covariance_.astype(np.float32),
+        filtered=lfa.filtered_.astype(np.float32),
+        lfa=np.stack(first).astype(np.float32),
+        locations=lfa.locations_,
+    )

@@ -1,0 +1,223 @@
+"""The paper's study of a data set, in stages that are each done once."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from servoscope import __version__
+from servoscope.dataset import PoseImageSet
+from servoscope.features import GeometricMoments, compute_image_basis
+from servoscope.files import write_arrays, write_json, write_text
+from servoscope.poses import DISPLACEMENTS, DOFS
+from servoscope.regression import PoseRegressor
+from servoscope.splits import Split, split_images
+from servoscope.study.assessment import Assessment, assess_features, rankings_as_csv
+from servoscope.study.config import N_EIGENVECTORS, StudyConfig, check_n_images
+from servoscope.study.feature_tables import (
+    FeaturePictures,
+    FeatureTable,
+    compute_feature_table,
+)
+from servoscope.study.networks import plan_sweeps, train_study_nets
+from servoscope.study.paper import FAMILIES
+from servoscope.study.run_folder import RunFolder, read_json
+from servoscope.study.summary import choose_best, summarise
+
+ProgressBar = Callable[[str, int], AbstractContextManager[Callable[[int], object]]]
+"""Opens a progress bar, given what is done and how many items that has; yields the function that
+is told how many are finished."""
+
+Unit = tuple[str, str]
+"""A protocol and a displacement form."""
+
+
+def no_progress(description: str, total: int) -> AbstractContextManager[Callable[[int], object]]:
+    """A progress bar that nobody sees."""
+    return nullcontext(lambda n_done: None)
+
+
+class Study:
+    """The study of one data set in a run folder; `run` goes through what is not finished yet.
+
+    Parameters
+    ----------
+    folder : RunFolder
+    data : PoseImageSet
+    config : StudyConfig
+    n_jobs : int
+        Processes that train nets, as joblib counts them; all cores by default.
+    progress : ProgressBar
+
+    Raises
+    ------
+    InvalidInputError
+        If there are too few images.
+    """
+
+    def __init__(
+        self,
+        folder: RunFolder,
+        data: PoseImageSet,
+        config: StudyConfig,
+        *,
+        n_jobs: int = -1,
+        progress: ProgressBar = no_progress,
+    ) -> None:
+        check_n_images(len(data))
+        self.folder, self.data, self.config = folder, data, config
+        self.n_jobs, self.progress = n_jobs, progress
+        self.units: list[Unit] = [(p, d) for p in config.protocols for d in DISPLACEMENTS]
+
+    def run(self) -> None:
+        """Compute features, assess them, train the nets, and write ``summary.json``."""
+        inputs = {
+            "data": fingerprint(self.data),
+            "config": asdict(self.config),
+            "servoscope": __version__,
+        }
+        self.folder.run_stage("features", inputs, self._compute_features)
+        self.folder.run_stage("assessment", inputs, self._assess)
+        for unit in self.units:
+            train = partial(self._train, unit)
+            self.folder.run_stage("networks_{}_{}".format(*unit), inputs, train)
+        write_json(self.folder.path / "summary.json", self._summary())
+
+    def split(self, protocol: str) -> Split:
+        """The images that train, decide and test."""
+        times = None
+        if self.data.split == "blocks":
+            n_images = len(self.data)
+            times = np.arange(n_images) if self.data.times is None else self.data.times
+        return split_images(len(self.data), protocol, self.config.seed, times)
+
+    @cached_property
+    def tables(self) -> dict[Unit, FeatureTable]:
+        """The feature tables that the first stage left in ``features.npz``."""
+        with np.load(self.folder.path / "features.npz", allow_pickle=False) as arrays:
+            names = tuple(map(str, arrays["names"]))
+            return {(p, d): FeatureTable(arrays[f"{p}_{d}"], names) for p, d in self.units}
+
+    @cached_property
+    def assessments(self) -> dict[Unit, Assessment]:
+        """What mutual information says of the candidates, by protocol and form."""
+        everything = np.arange(len(self.data))
+        return {
+            (protocol, displacement): assess_features(
+                self.tables[protocol, displacement],
+                self.data.delta_p(displacement),
+                everything if protocol == "paper" else self.split(protocol).train,
+                n_bins=self.config.n_bins,
+                n_ranked=self.config.n_ranked,
+            )
+            for protocol, displacement in self.units
+        }
+
+    def _compute_features(self) -> None:
+        moments = GeometricMoments().fit_transform(self.data.images)
+        arrays: dict[str, Any] = {"reference_image": self.data.reference_image}
+        arrays |= {f"delta_p_{form}": self.data.delta_p(form) for form in DISPLACEMENTS}
+        pictures = self.folder.path / "vectors"
+        pictures.mkdir(exist_ok=True)
+        protocols = self.config.protocols
+        with self.progress("features", len(protocols)) as advance, threadpool_limits(1):
+            with ThreadPoolExecutor(len(protocols)) as threads:
+                computed = threads.map(partial(self._tables_of, moments), protocols)
+            for n_done, tables in enumerate(computed, start=1):
+                for unit, (table, shown) in tables.items():
+                    arrays["_".join(unit)] = table.values
+                    arrays["names"] = np.array(table.names)
+                    write_arrays(pictures / "{}_{}.npz".format(*unit), vars(shown))
+                advance(n_done)
+        write_arrays(self.folder.path / "features.npz", arrays)
+
+    def _tables_of(
+        self, moments: np.ndarray, protocol: str
+    ) -> dict[Unit, tuple[FeatureTable, FeaturePictures]]:
+        train = self.split(protocol).train
+        basis = compute_image_basis(self.data.images[train], N_EIGENVECTORS)
+        return {
+            (protocol, form): compute_feature_table(self.data, moments, basis, train, form)
+            for form in DISPLACEMENTS
+        }
+
+    def _assess(self) -> None:
+        write_text(self.folder.path / "ranking.csv", rankings_as_csv(self.assessments))
+        redundancies = {
+            f"{protocol}_{displacement}_{dof}": ranking.candidate_redundancy
+            for (protocol, displacement), assessment in self.assessments.items()
+            for dof, ranking in assessment.rankings.items()
+        }
+        write_arrays(self.folder.path / "selection.npz", redundancies)
+
+    def _train(self, unit: Unit) -> None:
+        protocol, displacement = unit
+        table, assessment, split = self.tables[unit], self.assessments[unit], self.split(protocol)
+        ranges = self.data.ranges(displacement)
+        targets = self.data.delta_p(displacement) / ranges
+        sweeps = plan_sweeps(assessment, self.config.thresholds)
+        n_nets = len(FAMILIES) * len(DOFS) + sum(map(len, sweeps.values()))
+        with self.progress(f"nets ({protocol}, {displacement})", n_nets) as advance:
+            nets = train_study_nets(
+                table,
+                targets,
+                split,
+                sweeps,
+                self.config,
+                n_jobs=self.n_jobs,
+                on_progress=advance,
+            )
+        best = {dof: choose_best(points).trained for dof, points in nets.sweeps.items()}
+        model = PoseRegressor.from_fitted(
+            {dof: trained.net for dof, trained in best.items()},
+            {dof: trained.columns.tolist() for dof, trained in best.items()},
+            table.values.shape[1],
+        )
+        path = self.folder.path / "models" / "_".join(unit)
+        path.parent.mkdir(exist_ok=True)
+        write_arrays(path.with_suffix(".npz"), model.to_arrays())
+        results = summarise(assessment, nets, targets, split, ranges)
+        write_json(path.with_suffix(".json"), results)
+
+    def _summary(self) -> dict[str, Any]:
+        data = self.data
+        return {
+            "version": 1,
+            "servoscope": __version__,
+            "dataset": {
+                "n_images": len(data),
+                "image_shape": data.image_shape,
+                "pivot_mm": 1e3 * data.pivot,
+                "split": data.split,
+                "source": data.source,
+            },
+            "settings": self.folder.settings,
+            "protocols": {
+                protocol: {
+                    displacement: read_json(
+                        self.folder.path / "models" / f"{protocol}_{displacement}.json"
+                    )
+                    for displacement in DISPLACEMENTS
+                }
+                for protocol in self.config.protocols
+            },
+            "timings_s": self.folder.timings(),
+        }
+
+
+def fingerprint(data: PoseImageSet) -> str:
+    """A hash of everything in a data set that a study depends on."""
+    content = hashlib.sha256()
+    for array in (data.images, data.T_world_cam, data.T_world_ref, data.reference_image):
+        content.update(np.ascontiguousarray(array).data)
+    times = None if data.times is None else data.times.tolist()
+    content.update(repr((data.pivot, data.split, times, data.ranges().tolist())).encode())
+    return content.hexdigest()[:16]

@@ -1,0 +1,171 @@
+"""A run folder: what was asked for, which stages are finished, and what they left."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from servoscope import __version__
+from servoscope.errors import FolderExistsError, RunFolderError
+from servoscope.files import write_json
+
+VERSION = 1
+PARTS = (
+    "config.json",
+    "summary.json",
+    "features.npz",
+    "selection.npz",
+    "ranking.csv",
+    "report.html",
+)
+FOLDERS = ("stages", "vectors", "models", "figures", "dataset")
+
+
+class RunFolder:
+    """The folder of one run, made by `open_run_folder`.
+
+    Attributes
+    ----------
+    path : Path
+    settings : dict
+        What the run was asked for, as plain JSON values.
+    """
+
+    def __init__(self, path: Path, settings: dict[str, Any]) -> None:
+        self.path = path
+        self.settings = settings
+
+    def run_stage(self, name: str, inputs: Any, make: Callable[[], None]) -> None:
+        """Call ``make()``, unless this stage is finished for the same inputs.
+
+        A stage counts as finished only once `make` has returned.
+        """
+        record = self._record(name)
+        fingerprint = digest(inputs)
+        if record.exists() and read_json(record).get("fingerprint") == fingerprint:
+            return
+        record.unlink(missing_ok=True)
+        start = time.perf_counter()
+        make()
+        seconds = time.perf_counter() - start
+        record.parent.mkdir(exist_ok=True)
+        write_json(record, {"fingerprint": fingerprint, "seconds": round(seconds, 3)})
+
+    def timings(self) -> dict[str, float]:
+        """How long each finished stage took, in the order of their names, and ``total``, [s]."""
+        records = sorted((self.path / "stages").glob("*.json"))
+        seconds = {record.stem: float(read_json(record)["seconds"]) for record in records}
+        return {**seconds, "total": round(sum(seconds.values()), 3)}
+
+    def _record(self, name: str) -> Path:
+        return self.path / "stages" / f"{name}.json"
+
+
+def open_run_folder(
+    path: Path, settings: dict[str, Any], *, resume: bool = False, force: bool = False
+) -> RunFolder:
+    """Make a run folder, or with `resume` go on in the one that is there.
+
+    Raises
+    ------
+    FolderExistsError
+        If the folder is not empty and neither `resume` nor `force` is set, or if it is no run
+        folder.
+    RunFolderError
+        If the run to resume was made with other settings or by another version.
+    """
+    settings = json.loads(json.dumps(settings))
+    if is_run(path):
+        if force:
+            remove_run(path)
+        elif resume:
+            _check_same_settings(path, settings)
+            return RunFolder(path, settings)
+        else:
+            raise FolderExistsError(
+                f"{path} holds a run already; go on with it with --resume, replace it with "
+                "--force, or name another folder with --out."
+            )
+    elif path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise FolderExistsError(f"{path} exists and is not a run folder; name another with --out.")
+    path.mkdir(parents=True, exist_ok=True)
+    config = {"version": VERSION, "servoscope": __version__, "settings": settings}
+    write_json(path / "config.json", config)
+    return RunFolder(path, settings)
+
+
+def is_run(path: Path) -> bool:
+    """Whether the folder holds a run, of whatever version, finished or not."""
+    config = path / "config.json"
+    return config.exists() and "servoscope" in read_json(config)
+
+
+def read_settings(path: Path) -> dict[str, Any]:
+    """The settings that a run folder was made with.
+
+    Raises
+    ------
+    RunFolderError
+        If the folder is not a run folder, or is one of another version.
+    """
+    if not is_run(path):
+        raise RunFolderError(f"{path} is not a run folder: it has no config.json of a run.")
+    config = read_json(path / "config.json")
+    if config.get("version") != VERSION:
+        raise RunFolderError(
+            f"{path} is a run of version {config.get('version')!r}, this servoscope reads version "
+            f"{VERSION}; make it again with --force."
+        )
+    return config.get("settings", {})
+
+
+def remove_run(path: Path) -> None:
+    """Remove a run from its folder, and nothing else that may be in it."""
+    for part in PARTS[1:]:
+        (path / part).unlink(missing_ok=True)
+    for folder in FOLDERS:
+        shutil.rmtree(path / folder, ignore_errors=True)
+    (path / PARTS[0]).unlink(missing_ok=True)
+
+
+def digest(value: Any) -> str:
+    """A short hash of plain JSON values."""
+    text = json.dumps(value, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _check_same_settings(path: Path, settings: dict[str, Any]) -> None:
+    made_with = read_settings(path)
+    differing = sorted(
+        key for key in made_with | settings if made_with.get(key) != settings.get(key)
+    )
+    if differing:
+        key = differing[0]
+        raise RunFolderError(
+            f"{path} was made with {key} {made_with.get(key)!r}, not {settings.get(key)!r}; "
+            "repeat its settings to resume it, or replace it with --force."
+        )
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """The JSON object in a file of a run folder.
+
+    Raises
+    ------
+    RunFolderError
+        If the file is missing or damaged.
+    """
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise RunFolderError(
+            f"{path} cannot be read ({error}); make the run again with --force."
+        ) from error
+    if not isinstance(value, dict):
+        raise RunFolderError(f"{path} must hold a JSON object; make the run again with --force.")
+    return value
