@@ -62,8 +62,8 @@ def near_reference(
         raise DataSetError(
             f"{frames.folder}: no other frame lies within {_limit(max_mm):g} mm and "
             f"{_limit(max_deg):g} deg of the reference {frames.names[reference]} (the least "
-            f"distance is {mm[others].min():.4g} mm, the least angle "
-            f"{deg[others].min():.4g} deg); widen the limits or check the units."
+            f"distance is {mm[others].min():.1f} mm, the least angle "
+            f"{deg[others].min():.1f} deg); widen the limits or check the units."
         )
     return near
 

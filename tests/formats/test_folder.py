@@ -1,0 +1,296 @@
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+
+from servoscope import PoseImageSet
+from servoscope.errors import DataSetError, ServoscopeWarning
+from servoscope.formats import ImportOptions, read_folder
+
+NAMED = ImportOptions(reference="02.png")
+SKIP_BAD = ImportOptions(reference="02.png", skip_bad=True)
+
+
+def refusal(source, options=NAMED):
+    """The one line that refuses a folder."""
+    with pytest.raises(DataSetError) as caught:
+        read_folder(source.path, options)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert str(source.path) in message
+    return message
+
+
+def test_images_poses_and_names_come_back_in_the_order_of_the_rows(pose_folder):
+    pose_folder.write_csv()
+    done = []
+    data = read_folder(pose_folder.path, NAMED, on_progress=done.append)
+    np.testing.assert_array_equal(data.images, pose_folder.images)
+    np.testing.assert_allclose(data.T_world_cam, pose_folder.T_world_cam, atol=1e-12)
+    assert data.names == pose_folder.names
+    assert data.times is None
+    assert data.split == "random"
+    assert data.pivot == 0.55
+    assert done == [1, 2, 3, 4, 5, 6]
+
+
+def test_the_reference_frame_stays_in_the_set_with_displacement_zero(pose_folder):
+    pose_folder.write_csv()
+    data = read_folder(pose_folder.path, NAMED)
+    np.testing.assert_array_equal(data.reference_image, pose_folder.images[2])
+    np.testing.assert_allclose(data.delta_p()[2], 0, atol=1e-12)
+    np.testing.assert_allclose(data.delta_p("camera")[3, :3].round(3), [0.01, 0, 0], atol=1e-3)
+    assert data.source["reference"] == "02.png"
+
+
+def test_an_imported_set_survives_saving_and_loading(pose_folder, tmp_path):
+    pose_folder.write_csv()
+    data = read_folder(pose_folder.path, NAMED)
+    data.save(tmp_path / "set")
+    loaded = PoseImageSet.load(tmp_path / "set")
+    np.testing.assert_array_equal(loaded.images, data.images)
+    assert loaded.source == data.source
+
+
+def test_columns_are_found_by_name_in_any_order(pose_folder):
+    columns = ["qw", "qx", "qy", "qz", "exposure", "tz", "ty", "tx", "Name "]
+    order = [6, 3, 4, 5, None, 2, 1, 0]
+    rows = [
+        ",".join([*("9" if i is None else repr(float(row[i])) for i in order), name])
+        for name, row in zip(pose_folder.names, pose_folder.numbers, strict=True)
+    ]
+    pose_folder.write_csv(rows, header=",".join(columns))
+    data = read_folder(pose_folder.path, NAMED)
+    np.testing.assert_allclose(data.T_world_cam, pose_folder.T_world_cam, atol=1e-12)
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r\n\r\n"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_windows_line_ends_blank_lines_and_byte_order_marks_are_accepted(
+    pose_folder, newline, encoding
+):
+    pose_folder.write_csv(newline=newline, encoding=encoding)
+    assert len(read_folder(pose_folder.path, NAMED)) == 6
+
+
+def test_a_time_column_asks_for_a_split_by_blocks(pose_folder):
+    rows = [f"{row},{time}" for row, time in zip(pose_folder.rows(), range(6), strict=True)]
+    pose_folder.write_csv(rows, header="name,tx,ty,tz,qx,qy,qz,qw,time")
+    data = read_folder(pose_folder.path, NAMED)
+    np.testing.assert_array_equal(data.times, range(6))
+    assert data.split == "blocks"
+    at_random = ImportOptions(reference="02.png", split="random")
+    assert read_folder(pose_folder.path, at_random).split == "random"
+
+
+def test_a_split_by_blocks_without_times_is_refused(pose_folder):
+    pose_folder.write_csv()
+    message = refusal(pose_folder, ImportOptions(split="blocks"))
+    assert "add a column 'time'" in message
+
+
+def test_images_may_lie_in_folders_written_the_windows_way(pose_folder):
+    pose_folder.write_image("left/a.png", pose_folder.images[0])
+    rows = pose_folder.rows()
+    pose_folder.write_csv([rows[0].replace("00.png", ".\\left\\a.png"), *rows[1:]])
+    assert read_folder(pose_folder.path, NAMED).names[0] == "left/a.png"
+
+
+def test_only_frames_near_the_reference_are_kept_and_the_rest_is_counted(pose_folder):
+    pose_folder.write_csv()
+    options = ImportOptions(reference="02.png", max_mm=15, max_deg=20)
+    with pytest.warns(ServoscopeWarning, match="3 frames kept; left out: 3 far from the reference"):
+        data = read_folder(pose_folder.path, options)
+    assert data.names == ["01.png", "02.png", "03.png"]
+    assert data.source["dropped"] == {"far from the reference": 3}
+    assert data.source["options"]["max_mm"] == 15
+
+
+def test_resizing_applies_to_the_reference_image_too(pose_folder):
+    pose_folder.write_csv()
+    data = read_folder(pose_folder.path, ImportOptions(reference="02.png", image_width=8))
+    assert data.image_shape == data.reference_image.shape == (6, 8)
+
+
+def test_images_of_two_sizes_but_one_aspect_ratio_are_joined_by_resizing(pose_folder):
+    pose_folder.write_image("04.png", np.repeat(np.repeat(pose_folder.images[4], 2, 0), 2, 1))
+    pose_folder.write_csv()
+    data = read_folder(pose_folder.path, ImportOptions(reference="02.png", image_width=16))
+    np.testing.assert_array_equal(data.images, pose_folder.images)
+
+
+def test_images_of_different_sizes_are_refused_by_name(pose_folder):
+    pose_folder.write_image("04.png", pose_folder.images[4][:6])
+    pose_folder.write_csv()
+    message = refusal(pose_folder)
+    assert "04.png is 16 x 6 px, but the reference image is 16 x 12 px" in message
+
+
+@pytest.mark.parametrize("damage", ["truncated", "text", "missing", "size"])
+def test_a_bad_image_is_refused_by_name_or_skipped_and_counted(pose_folder, damage):
+    path = pose_folder.path / "04.png"
+    if damage == "truncated":
+        path.write_bytes(path.read_bytes()[:120])
+    elif damage == "text":
+        path.write_text("not an image")
+    elif damage == "missing":
+        path.unlink()
+    else:
+        pose_folder.write_image("04.png", pose_folder.images[4][:6])
+    pose_folder.write_csv()
+    assert "04.png is" in refusal(pose_folder)
+    with pytest.warns(ServoscopeWarning, match=r"5 frames kept.* unusable image \(04.png\)"):
+        data = read_folder(pose_folder.path, SKIP_BAD)
+    assert data.names == [name for name in pose_folder.names if name != "04.png"]
+    assert data.source["dropped"] == {"with an unusable image": 1}
+    np.testing.assert_array_equal(data.images, pose_folder.images[[0, 1, 2, 3, 5]])
+
+
+def test_a_named_reference_that_cannot_be_read_is_refused_even_when_skipping(pose_folder):
+    (pose_folder.path / "02.png").write_text("not an image")
+    pose_folder.write_csv()
+    assert "02.png is not a whole image" in refusal(pose_folder, SKIP_BAD)
+
+
+def test_a_chosen_reference_that_cannot_be_read_gives_way_to_another(pose_folder):
+    options = ImportOptions(max_mm=15, skip_bad=True)
+    pose_folder.write_csv()
+    with pytest.warns(ServoscopeWarning):
+        chosen = read_folder(pose_folder.path, options).source["reference"]
+    (pose_folder.path / chosen).write_text("not an image")
+    with pytest.warns(ServoscopeWarning, match=rf"unusable image \({chosen}\)"):
+        data = read_folder(pose_folder.path, options)
+    assert data.source["reference"] != chosen
+
+
+@pytest.mark.parametrize(
+    ("column", "text", "message"),
+    [
+        (1, "nan", "line 5: tx must be a finite number, got 'nan'"),
+        (3, "inf", "line 5: tz must be a finite number, got 'inf'"),
+        (4, "0,3", "line 5: qx must be a finite number, got"),
+        (7, "", "line 5: qw must be a finite number, got ''"),
+        (slice(4, 8), "0,0,0,0", "line 5: the quaternion [0.0, 0.0, 0.0, 0.0] has zero length"),
+        (slice(5, 8), "", "line 5: qy must be a finite number, got ''"),
+    ],
+)
+def test_an_unusable_pose_is_refused_by_line_or_skipped_and_counted(
+    pose_folder, column, text, message
+):
+    rows = pose_folder.rows()
+    fields = rows[3].split(",")
+    fields[column] = [text] if isinstance(column, slice) else f'"{text}"'
+    rows[3] = ",".join(fields)
+    pose_folder.write_csv(rows)
+    assert message in refusal(pose_folder)
+    with pytest.warns(ServoscopeWarning, match=r"1 with an unusable pose \(03.png\)"):
+        data = read_folder(pose_folder.path, SKIP_BAD)
+    assert data.source["dropped"] == {"with an unusable pose": 1}
+    assert len(data) == 5
+
+
+def test_frames_keep_their_number_when_others_are_skipped(pose_folder):
+    rows = pose_folder.rows()
+    rows[0] = rows[0].replace("0.0,", "nan,", 1)
+    pose_folder.write_csv(rows)
+    with pytest.warns(ServoscopeWarning):
+        data = read_folder(pose_folder.path, ImportOptions(reference_index=4, skip_bad=True))
+    assert data.source["reference"] == "04.png"
+
+
+@pytest.mark.parametrize(
+    "name", ["../../x.png", "/etc/x.png", "a/../../x.png", "C:\\x.png", "..\\x.png", "//host/x.png"]
+)
+def test_a_name_that_leads_out_of_the_folder_is_refused_even_when_skipping(pose_folder, name):
+    rows = pose_folder.rows()
+    pose_folder.write_csv([*rows[:5], rows[5].replace("05.png", name)])
+    for options in (NAMED, SKIP_BAD):
+        message = refusal(pose_folder, options)
+        assert f"line 7: {name!r} leads out of the folder" in message
+
+
+def test_an_empty_name_is_refused(pose_folder):
+    pose_folder.write_csv([*pose_folder.rows(), pose_folder.rows()[0].replace("00.png", "")])
+    assert "line 8: the name of the image is empty" in refusal(pose_folder)
+
+
+@pytest.mark.parametrize("again", ["03.png", "./03.png"])
+def test_an_image_named_twice_is_refused_even_when_skipping(pose_folder, again):
+    rows = pose_folder.rows()
+    pose_folder.write_csv([*rows, rows[0].replace("00.png", again)])
+    for options in (NAMED, SKIP_BAD):
+        assert "poses.csv names 03.png more than once" in refusal(pose_folder, options)
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        ("name,x,y,z,qx,qy,qz,qw", "must hold name,tx,ty,tz,qx,qy,qz,qw, but "),
+        ("name,x,y,z,qx,qy,qz,qw", "'name,x,y,z,qx,qy,qz,qw' lacks tx, ty, tz"),
+        ("name;tx;ty;tz;qx;qy;qz;qw", "lacks name, tx"),
+        ("name,tx,ty,tz,qx,qy,qz,qw,tx", "repeats tx"),
+    ],
+)
+def test_a_wrong_header_is_refused_with_what_was_wanted_and_found(pose_folder, header, message):
+    pose_folder.write_csv(header=header)
+    assert message in refusal(pose_folder)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "poses.csv is empty; it must begin with the header name,tx"),
+        (b"name,tx,ty,tz,qx,qy,qz,qw\n", "0 images with a pose, but a data set needs two"),
+        (b"name,tx,ty,tz,qx,qy,qz,qw\n02.png,0,0,0,0,0,0,1\n", "1 image with a pose, but"),
+        (b"\xff\xfen\x00a\x00", "poses.csv is not UTF-8"),
+        (b"name\x00", "poses.csv is not text"),
+        (b"name," + b"x" * 200_000, "line 0: not CSV (field larger"),
+    ],
+)
+def test_an_unusable_table_is_refused(pose_folder, content, message):
+    (pose_folder.path / "poses.csv").write_bytes(content)
+    assert message in refusal(pose_folder)
+
+
+def test_one_image_left_after_skipping_is_refused_with_the_counts(pose_folder):
+    pose_folder.write_csv(pose_folder.rows()[1:3])
+    (pose_folder.path / "01.png").unlink()
+    message = refusal(pose_folder, SKIP_BAD)
+    assert "1 image with a pose" in message
+    assert "1 with an unusable image (01.png)" in message
+
+
+def test_no_neighbour_within_the_limits_is_refused(pose_folder):
+    pose_folder.write_csv()
+    message = refusal(pose_folder, ImportOptions(reference="02.png", max_mm=1))
+    assert "no other frame lies within 1 mm" in message
+    assert "is 10.0 mm" in message
+
+
+def test_millimetres_taken_for_metres_show_in_the_message(pose_folder):
+    numbers = pose_folder.numbers * [1000, 1000, 1000, 1, 1, 1, 1]
+    pose_folder.write_csv(pose_folder.rows(numbers))
+    message = refusal(pose_folder, ImportOptions(reference="02.png", max_mm=150))
+    assert "is 10000.0 mm" in message
+    assert "check the units" in message
+    data = read_folder(pose_folder.path, ImportOptions(reference="02.png", max_mm=150, units="mm"))
+    np.testing.assert_allclose(data.T_world_cam, pose_folder.T_world_cam, atol=1e-12)
+
+
+def test_missing_and_empty_folders_and_tables_are_told_apart(pose_folder):
+    assert "poses.csv is missing" in refusal(pose_folder)
+    for path in pose_folder.path.iterdir():
+        path.unlink()
+    assert "is empty; it must hold poses.csv" in refusal(pose_folder)
+    shutil.rmtree(pose_folder.path)
+    assert "does not exist; name the folder that holds poses.csv" in refusal(pose_folder)
+    pose_folder.path.write_text("")
+    assert "is a file; name the folder" in refusal(pose_folder)
+
+
+def test_colour_images_are_imported_grey(pose_folder):
+    for name, image in zip(pose_folder.names, pose_folder.images, strict=True):
+        pose_folder.write_image(name, cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
+    pose_folder.write_csv()
+    np.testing.assert_array_equal(read_folder(pose_folder.path, NAMED).images, pose_folder.images)
