@@ -53,9 +53,9 @@ def filter_centre_weighted(image: NDArray[Any], window: int) -> NDArray[np.float
            [0.5 , 1.  , 1.  ]])
     """
     mask = centre_weighted_mask(window)
-    return cv2.filter2D(
-        np.asarray(image, dtype=np.float64), cv2.CV_64F, mask, borderType=cv2.BORDER_CONSTANT
-    )
+    image = np.asarray(image, dtype=np.float64)
+    filtered = cv2.filter2D(image, cv2.CV_64F, mask, borderType=cv2.BORDER_CONSTANT)
+    return filtered.astype(np.float64, copy=False)
 
 
 def brightest_separate(image: NDArray[Any], n: int, window: int) -> NDArray[np.intp]:
