@@ -34,7 +34,9 @@ def ellipse(theta, a=30.0, b=12.0, side=121):
 
 def test_names_are_those_of_the_paper_for_each_slice():
     names = sv.GeometricMoments().fit(np.zeros((1, 4, 4), np.uint8)).get_feature_names_out()
-    assert list(names[:8]) == "x_50 y_50 theta_50 r1_50 r2_50 m00_50 sx_50 sy_50".split()
+    assert list(names[:8]) == [
+        f"{name}_50" for name in ("x", "y", "theta", "r1", "r2", "m00", "sx", "sy")
+    ]
     assert [name.rsplit("_")[-1] for name in names[8:]] == ["100"] * 8 + ["150"] * 8
 
 

@@ -51,7 +51,7 @@ def flatten_images(X: Any, image_shape: ImageShape | None) -> tuple[Any, ImageSh
             raise InvalidInputError(
                 f"Images must be {_size(image_shape)}, as image_shape says, got {_size(shape[1:])}."
             )
-        return np.asarray(X).reshape(shape[0], -1), (shape[1], shape[2])
+        return np.asarray(X).reshape(shape[0], shape[1] * shape[2]), (shape[1], shape[2])
     if len(shape) != 2:
         raise InvalidInputError(
             "Images must have the shape (n_images, height, width) or (n_images, height * width), "
