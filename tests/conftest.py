@@ -1,6 +1,15 @@
+"""What several tests need."""
+
+from pathlib import Path
+
 import hypothesis
 import numpy as np
 import pytest
+
+from planar import planar_data_set
+from servoscope.dataset import PoseImageSet
+
+SHARED = Path(__file__).parents[2] / "shared"
 
 # The first call of a numba kernel compiles it, and other machines are slower: no deadline.
 hypothesis.settings.register_profile("servoscope", deadline=None)
@@ -8,5 +17,30 @@ hypothesis.settings.load_profile("servoscope")
 
 
 @pytest.fixture
-def rng():
+def rng() -> np.random.Generator:
+    """A generator seeded alike for every test."""
     return np.random.default_rng(0)
+
+
+@pytest.fixture(scope="session")
+def plane() -> PoseImageSet:
+    """150 images of 24 x 24 pixels of a textured plane."""
+    return planar_data_set()
+
+
+@pytest.fixture
+def tum() -> Path:
+    """The real sequence, where it is at hand."""
+    return _at_hand(SHARED / "data" / "tum_fr1_rpy")
+
+
+@pytest.fixture
+def paper_text() -> str:
+    """The paper, where it is at hand."""
+    return _at_hand(SHARED / "paper" / "wells_torras_2001.txt").read_text(encoding="utf-8")
+
+
+def _at_hand(path: Path) -> Path:
+    if not path.exists():
+        pytest.skip(f"needs {path.relative_to(SHARED.parent)} beside the project")
+    return path

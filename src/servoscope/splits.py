@@ -61,7 +61,8 @@ def split_images(
     Raises
     ------
     InvalidInputError
-        If the protocol is unknown or there are too few images for three parts.
+        If the protocol is unknown, there are too few images for three parts, or `times` are not
+        one finite number an image.
 
     Examples
     --------
@@ -82,10 +83,20 @@ def split_images(
     if times is None:
         train, validation, test = _split_at_random(n_images, seed)
     else:
-        train, validation, test = _split_by_blocks(np.asarray(times, dtype=float), n_blocks, seed)
+        train, validation, test = _split_by_blocks(_checked(times, n_images), n_blocks, seed)
     if protocol == "paper":
         return Split(np.sort(np.concatenate([train, validation])), test, test)
     return Split(train, validation, test)
+
+
+def _checked(times: ArrayLike, n_images: int) -> NDArray[np.float64]:
+    seconds = np.asarray(times, dtype=float)
+    if seconds.shape != (n_images,) or not np.isfinite(seconds).all():
+        raise InvalidInputError(
+            f"times must be {n_images} finite numbers, one an image, got the shape "
+            f"{seconds.shape} with {np.count_nonzero(~np.isfinite(seconds))} NaN or infinite."
+        )
+    return seconds
 
 
 def _split_at_random(n: int, seed: int) -> tuple[Indices, Indices, Indices]:

@@ -1,0 +1,81 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from servoscope.errors import InvalidInputError
+from servoscope.splits import split_images
+
+seeds = st.integers(0, 2**31)
+
+
+@given(st.integers(8, 400), seeds)
+def test_a_random_split_uses_every_image_once(n_images, seed):
+    split = split_images(n_images, "honest", seed)
+    parts = [split.train, split.validation, split.test]
+    assert np.sort(np.concatenate(parts)).tolist() == list(range(n_images))
+    assert all(len(part) for part in parts)
+
+
+@pytest.mark.parametrize("n_images", [100, 1000])
+def test_shares_are_60_15_25_and_the_paper_trains_on_75(n_images):
+    honest, paper = split_images(n_images, "honest"), split_images(n_images, "paper")
+    lengths = [len(part) / n_images for part in (honest.train, honest.validation, honest.test)]
+    assert lengths == [0.60, 0.15, 0.25]
+    assert len(paper.train) == 0.75 * n_images
+
+
+@given(st.integers(40, 400), seeds, st.booleans())
+def test_both_protocols_test_on_the_same_images(n_images, seed, by_time):
+    times = np.arange(n_images) if by_time else None
+    honest = split_images(n_images, "honest", seed, times)
+    paper = split_images(n_images, "paper", seed, times)
+    np.testing.assert_array_equal(paper.test, honest.test)
+    np.testing.assert_array_equal(paper.validation, paper.test)
+    assert set(paper.train) == set(honest.train) | set(honest.validation)
+    assert not set(paper.train) & set(paper.test)
+
+
+@given(st.integers(40, 400), seeds)
+def test_blocks_keep_training_away_from_its_neighbours_in_time(n_images, seed):
+    times = np.random.default_rng(seed).permutation(n_images).astype(float)
+    split = split_images(n_images, "honest", seed, times)
+    purpose = {}
+    for name in ("train", "validation", "test"):
+        for time in times[getattr(split, name)]:
+            assert purpose.setdefault(time, name) == name
+    for time, name in purpose.items():
+        assert purpose.get(time + 1, name) == name
+
+
+@given(st.integers(40, 400), seeds)
+def test_blocks_leave_out_little_and_no_part_is_empty(n_images, seed):
+    split = split_images(n_images, "honest", seed, times=np.arange(n_images))
+    lengths = [len(split.train), len(split.validation), len(split.test)]
+    assert min(lengths) > 0
+    assert sum(lengths) >= n_images - 20 * max(1, -(-n_images // 20) // 10)
+
+
+def test_one_seed_gives_one_split_and_another_gives_another():
+    a, b, other = (split_images(200, "honest", seed) for seed in (3, 3, 4))
+    np.testing.assert_array_equal(a.train, b.train)
+    np.testing.assert_array_equal(a.test, b.test)
+    assert set(a.test) != set(other.test)
+
+
+def test_an_unknown_protocol_is_refused():
+    with pytest.raises(InvalidInputError, match="one of paper, honest, got 'lucky'"):
+        split_images(100, "lucky")
+
+
+@pytest.mark.parametrize(("n_images", "times", "least"), [(7, None, 8), (39, np.arange(39), 40)])
+def test_too_few_images_are_refused(n_images, times, least):
+    with pytest.raises(InvalidInputError, match=f"needs at least {least} images, got {n_images}"):
+        split_images(n_images, times=times)
+
+
+def test_times_that_do_not_fit_the_images_are_refused():
+    with pytest.raises(InvalidInputError, match="times must be 50 finite numbers"):
+        split_images(50, times=np.arange(60.0))
+    with pytest.raises(InvalidInputError, match="times must be 50 finite numbers"):
+        split_images(50, times=np.full(50, np.nan))
