@@ -67,3 +67,8 @@ class PoseFolder:
 @pytest.fixture
 def pose_folder(tmp_path):
     return PoseFolder(tmp_path / "source", 6)
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)
