@@ -18,3 +18,5 @@ from .regression import train_networks as train_networks
 from .selection import MutualInfoSelector as MutualInfoSelector
 from .selection import mutual_information as mutual_information
 from .selection import pairwise_mutual_information as pairwise_mutual_information
+
+__version__: str

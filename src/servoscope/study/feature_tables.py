@@ -94,11 +94,12 @@ def compute_feature_table(
     displacement : {"pivot", "camera"}
     """
     images, targets = data.images[train], data.delta_p(displacement)[train]
+    window = lfa_window(data.image_shape)
     families = {
         "e": Eigenfeatures(35, basis=basis),
         "pci": PoseImageCovariance(),
-        "lfa35": LocalFeatureAnalysis(35, basis=basis),
-        "lfa85": LocalFeatureAnalysis(85, basis=basis),
+        "lfa35": LocalFeatureAnalysis(35, window=window, basis=basis),
+        "lfa85": LocalFeatureAnalysis(85, window=window, basis=basis),
     }
     columns = [moments]
     names = list(GeometricMoments().fit(images).get_feature_names_out())
@@ -109,6 +110,17 @@ def compute_feature_table(
     table = FeatureTable(np.column_stack(columns).astype(float), tuple(names))
     pictures = _pictures(data.image_shape, families["e"], families["pci"], families["lfa85"])
     return table, pictures
+
+
+def lfa_window(image_shape: tuple[int, int]) -> int:
+    """Side of the LFA subwindows [px]: the paper's 12 for images of 256, in proportion for others.
+
+    Examples
+    --------
+    >>> lfa_window((256, 256)), lfa_window((64, 64)), lfa_window((480, 640))
+    (12, 4, 22)
+    """
+    return max(2, 2 * round(6 * min(image_shape) / 256))
 
 
 def _pictures(

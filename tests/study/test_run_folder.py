@@ -1,0 +1,89 @@
+import json
+
+import pytest
+
+from servoscope.errors import FolderExistsError, RunFolderError
+from servoscope.study.run_folder import is_run, open_run_folder, read_settings
+
+
+def test_a_finished_stage_is_not_done_again_for_the_same_inputs(tmp_path):
+    done = []
+    for inputs in ({"seed": 0}, {"seed": 0}, {"seed": 1}):
+        run = open_run_folder(tmp_path / "run", {}, resume=True)
+        run.run_stage("features", inputs, lambda inputs=inputs: done.append(inputs["seed"]))
+    assert done == [0, 1]
+
+
+def test_a_stage_that_failed_is_done_again(tmp_path):
+    run = open_run_folder(tmp_path / "run", {})
+    with pytest.raises(KeyboardInterrupt):
+        run.run_stage("features", 0, lambda: (_ for _ in ()).throw(KeyboardInterrupt))
+    done = []
+    run.run_stage("features", 0, lambda: done.append(1))
+    assert done == [1]
+
+
+def test_a_stage_that_is_redone_and_fails_is_not_finished_any_more(tmp_path):
+    run = open_run_folder(tmp_path / "run", {})
+    run.run_stage("features", "old", lambda: None)
+    with pytest.raises(OSError, match="disk"):
+        run.run_stage("features", "new", lambda: (_ for _ in ()).throw(OSError("disk")))
+    done = []
+    run.run_stage("features", "old", lambda: done.append(1))
+    assert done == [1]
+
+
+def test_timings_add_up_to_their_total(tmp_path):
+    run = open_run_folder(tmp_path / "run", {})
+    run.run_stage("a", 0, lambda: None)
+    run.run_stage("b", 0, lambda: None)
+    timings = run.timings()
+    assert timings.keys() == {"a", "b", "total"}
+    assert timings["total"] == pytest.approx(timings["a"] + timings["b"])
+
+
+def test_a_run_is_not_overwritten_unasked(tmp_path):
+    open_run_folder(tmp_path / "run", {"seed": 0})
+    with pytest.raises(FolderExistsError, match=r"--resume.*--force"):
+        open_run_folder(tmp_path / "run", {"seed": 0})
+
+
+def test_a_run_resumes_only_with_its_own_settings(tmp_path):
+    open_run_folder(tmp_path / "run", {"seed": 0, "protocols": ("paper",)})
+    open_run_folder(tmp_path / "run", {"seed": 0, "protocols": ("paper",)}, resume=True)
+    with pytest.raises(RunFolderError, match="made with seed 0, not 1"):
+        open_run_folder(tmp_path / "run", {"seed": 1, "protocols": ("paper",)}, resume=True)
+
+
+def test_force_removes_the_run_and_nothing_else(tmp_path):
+    run = open_run_folder(tmp_path / "run", {"seed": 0})
+    (run.path / "models").mkdir()
+    (run.path / "models" / "paper_pivot.npz").write_text("old")
+    (run.path / "notes.txt").write_text("mine")
+    open_run_folder(run.path, {"seed": 1}, force=True)
+    assert sorted(p.name for p in run.path.iterdir()) == ["config.json", "notes.txt"]
+    assert read_settings(run.path) == {"seed": 1}
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_a_folder_of_somebody_else_is_left_alone(tmp_path, force):
+    (tmp_path / "config.json").write_text('{"mine": 1}')
+    (tmp_path / "models").mkdir()
+    with pytest.raises(FolderExistsError, match="not a run folder"):
+        open_run_folder(tmp_path, {}, force=force)
+    assert (tmp_path / "models").is_dir()
+
+
+def test_a_run_of_another_version_is_refused(tmp_path):
+    run = open_run_folder(tmp_path / "run", {})
+    config = json.loads((run.path / "config.json").read_text())
+    (run.path / "config.json").write_text(json.dumps(config | {"version": 99}))
+    assert is_run(run.path)
+    with pytest.raises(RunFolderError, match=r"version 99, this servoscope reads version 1"):
+        open_run_folder(run.path, {}, resume=True)
+
+
+def test_a_damaged_config_is_named(tmp_path):
+    (tmp_path / "config.json").write_text("{")
+    with pytest.raises(RunFolderError, match=r"config\.json cannot be read"):
+        open_run_folder(tmp_path, {}, resume=True)
