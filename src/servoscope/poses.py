@@ -171,11 +171,12 @@ def poses_from_displacements(T_world_ref: ArrayLike, delta_p: ArrayLike, pivot: 
 
 
 def displacement_ranges(pivot_ranges: ArrayLike, pivot: float, displacement: str) -> Array:
-    """Largest displacement of each dof that an acquisition about a pivot commands.
+    """Displacement of each dof that an acquisition about a pivot reaches.
 
     In the camera form the rotations about x and y carry the camera sideways, so that tx and ty
     reach ``t + pivot sin(r)``, the "+-167 mm" of the paper, and backwards, so that tz reaches
-    ``t + pivot (1 - cos(rx) cos(ry))``.
+    ``t + pivot (1 - cos(rx) cos(ry))``. A rotation about z swings the few poses in the corners
+    of the range a little farther in x and y.
 
     Parameters
     ----------
