@@ -1,6 +1,5 @@
 from .levenberg_marquardt import LMResult as LMResult
 from .levenberg_marquardt import LMSettings as LMSettings
-from .levenberg_marquardt import levenberg_marquardt as levenberg_marquardt
 from .network import LMRegressor as LMRegressor
 from .parallel import NetworkJob as NetworkJob
 from .parallel import train_networks as train_networks

@@ -21,6 +21,7 @@ from servoscope.regression.tanh_network import (
 Status = Literal["stopped_early", "converged", "max_iter", "damping_limit"]
 
 _DAMPING_FALL, _DAMPING_RISE = 0.5, 3.0
+_TRUSTED_GAIN = 0.75
 _DAMPING_LIMITS = 1e-6, 1e10
 
 
@@ -33,20 +34,23 @@ class LMSettings:
     max_iter : int
         Most steps taken.
     patience : int
-        Steps without a lower validation error after which training stops.
+        Steps without a notably lower validation error after which training stops.
     damping : float
         The damping to start with, in units of the squared target summed over the samples.
     weight_decay : float
         Factor of the squared weights in what is minimised, the squared residuals summed over
         the samples plus ``weight_decay`` times the squared weights.
+    min_improvement : float
+        Relative fall of the validation error that counts as notable.
     tol : float
         Relative fall of what is minimised below which a step counts as no progress.
     """
 
     max_iter: int = 200
-    patience: int = 8
-    damping: float = 1.0
+    patience: int = 4
+    damping: float = 10.0
     weight_decay: float = 0.0
+    min_improvement: float = 0.005
     tol: float = 1e-6
 
 
@@ -119,7 +123,8 @@ def levenberg_marquardt(
 
     Notes
     -----
-    The damping is halved after a step that lowers the error and tripled after one that does not.
+    The damping is halved after a step that lowers the cost by at least three quarters of what the
+    linearised network foretells, and tripled after one that does not lower it, which is undone.
 
     References
     ----------
@@ -182,33 +187,46 @@ def _train(
     problem: _Problem, equations: NormalEquations, weights: Array, settings: LMSettings
 ) -> LMResult:
     point = best = problem.evaluate(weights)
+    best_iteration = last_progress = 0
     damping = settings.damping
-    best_iteration = 0
     history = [(point.training_rms, point.validation_rms, damping)]
     status: Status = "max_iter"
     for iteration in range(1, settings.max_iter + 1):
-        equations.linearise(problem.linearise(point))
-        trial, damping = _descend(problem, equations, point, damping, settings.weight_decay)
-        if trial is None:
+        step = _descend(problem, equations, point, damping, settings.weight_decay)
+        if step is None:
             status = "damping_limit"
             break
-        history.append((trial.training_rms, trial.validation_rms, damping))
-        progress = point.cost - trial.cost
-        point = trial
+        fall = point.cost - step.point.cost
+        point, damping = step.point, step.next_damping
+        history.append((point.training_rms, point.validation_rms, step.damping))
+        if not point.validation_rms >= (1 - settings.min_improvement) * best.validation_rms:
+            last_progress = iteration
         if not point.validation_rms >= best.validation_rms:
             best, best_iteration = point, iteration
-        elif iteration - best_iteration >= settings.patience:
+        if iteration - last_progress >= settings.patience:
             status = "stopped_early"
             break
-        if progress <= settings.tol * point.cost:
+        if fall <= settings.tol * point.cost:
             status = "converged"
             break
-        damping = max(damping * _DAMPING_FALL, _DAMPING_LIMITS[0])
     training_rms, validation_rms, dampings = np.array(history).T
-    n_iter = len(history) - 1
     return LMResult(
-        best.weights, status, n_iter, best_iteration, training_rms, validation_rms, dampings
+        best.weights,
+        status,
+        len(history) - 1,
+        best_iteration,
+        training_rms,
+        validation_rms,
+        dampings,
     )
+
+
+class _Step(NamedTuple):
+    """Where a step led, the damping it was taken with, and the one to go on with."""
+
+    point: _Point
+    damping: float
+    next_damping: float
 
 
 def _descend(
@@ -217,16 +235,21 @@ def _descend(
     point: _Point,
     damping: float,
     weight_decay: float,
-) -> tuple[_Point | None, float]:
-    """The next point, and the damping that led there; None if no damping leads down."""
+) -> _Step | None:
+    """A step that lowers the cost; None if no damping gives one."""
+    derivatives = problem.linearise(point)
+    equations.linearise(derivatives)
+    descent = derivatives.transposed_times(point.residuals) - weight_decay * point.weights
     while damping <= _DAMPING_LIMITS[1]:
-        step = equations.step(point.residuals, point.weights, damping, weight_decay)
-        if step is not None:
-            trial = problem.evaluate(point.weights + step)
-            if trial.cost < point.cost:
-                return trial, damping
+        change = equations.step(point.residuals, point.weights, damping, weight_decay)
+        if change is not None:
+            trial = problem.evaluate(point.weights + change)
+            fall, foreseen = point.cost - trial.cost, change @ (damping * change + descent)
+            if fall > 0:
+                factor = _DAMPING_FALL if fall > _TRUSTED_GAIN * foreseen else 1.0
+                return _Step(trial, damping, max(factor * damping, _DAMPING_LIMITS[0]))
         damping *= _DAMPING_RISE
-    return None, damping
+    return None
 
 
 def _rms(residuals: Array) -> float:

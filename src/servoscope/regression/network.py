@@ -73,9 +73,9 @@ class LMRegressor(RegressorMixin, BaseEstimator):
         hidden: int = 30,
         restarts: int = 3,
         max_iter: int = 200,
-        patience: int = 8,
+        patience: int = 4,
         weight_decay: float = 0.0,
-        damping: float = 1.0,
+        damping: float = 10.0,
         random_state: int | np.random.RandomState | None = 0,
     ) -> None:
         self.hidden = hidden

@@ -36,40 +36,50 @@ class NormalEquations(Protocol):
         """The change of the weights, or None where the matrix is not positive definite."""
 
 
-class _Cholesky:
-    """Solves a damped symmetric system, of which one triangle is given, in place of a copy."""
+class _DampedSystem:
+    """A symmetric matrix, of which the lower triangle is kept, and its damped solutions."""
 
     def __init__(self, size: int, dtype: DTypeLike) -> None:
         self.matrix = np.zeros((size, size), dtype, order="F")
         self._factor = np.empty_like(self.matrix)
-        self.syrk = get_blas_funcs("syrk", (self.matrix,))
-        self._potrf, self._potrs = get_lapack_funcs(("potrf", "potrs"), (self.matrix,))
+        self._syrk, self._trsv = get_blas_funcs(("syrk", "trsv"), (self.matrix,))
+        self._potrf = get_lapack_funcs("potrf", (self.matrix,))
+
+    def fill(self, rows: NDArray) -> None:
+        """Make the matrix ``rows rows'``."""
+        self._syrk(1.0, rows, beta=0.0, c=self.matrix, overwrite_c=1, lower=1)
+
+    def add(self, rows: NDArray) -> None:
+        """Add ``rows rows'`` to the matrix."""
+        self._syrk(1.0, rows, beta=1.0, c=self.matrix, overwrite_c=1, lower=1)
 
     def solve(self, right: Array, damping: float) -> Array | None:
+        """The solution with `damping` on the diagonal; None where rounding leaves none."""
         np.copyto(self._factor, self.matrix)
         self._factor.ravel(order="K")[:: len(right) + 1] += damping
         factor, info = self._potrf(self._factor, lower=1, overwrite_a=1, clean=0)
         if info:
             return None
-        solution, _ = self._potrs(factor, right.astype(factor.dtype), lower=1, overwrite_b=1)
-        return solution.astype(np.float64)
+        # Two triangular solves: for one right side potrs takes five times as long.
+        half = self._trsv(factor, right.astype(factor.dtype), lower=1)
+        return self._trsv(factor, half, lower=1, trans=1).astype(np.float64)
 
 
 class DualEquations:
     """The system over the samples."""
 
     def __init__(self, inputs: Array, dtype: DTypeLike = np.float32) -> None:
-        n = len(inputs)
-        self._system = _Cholesky(n, dtype)
-        self._input_gram = np.zeros((n, n), dtype, order="F")
-        self._syrk(inputs, 0.0, self._input_gram)
+        self._system = _DampedSystem(len(inputs), dtype)
+        self._dtype = dtype
+        self._system.fill(np.asfortranarray(inputs, dtype))
+        self._input_gram = self._system.matrix.copy(order="F")
 
     def linearise(self, linearisation: Linearisation) -> None:
+        """Take the derivatives that the next steps start from."""
         self._linearisation = linearisation
-        gram = self._system.matrix
-        self._syrk(linearisation.slopes, 0.0, gram)
-        gram *= self._input_gram
-        self._syrk(linearisation.activations, 1.0, gram)
+        self._system.fill(np.asfortranarray(linearisation.slopes, self._dtype))
+        self._system.matrix *= self._input_gram
+        self._system.add(np.asfortranarray(linearisation.activations, self._dtype))
 
     def step(
         self, residuals: Array, weights: Array, damping: float, weight_decay: float
@@ -83,11 +93,6 @@ class DualEquations:
         solution = self._system.solve(residuals + share * J.times(weights), total)
         return None if solution is None else J.transposed_times(solution) - share * weights
 
-    def _syrk(self, rows: Array, beta: float, out: NDArray) -> None:
-        """Lower triangle of ``rows rows' + beta out``, in place."""
-        rows = np.asfortranarray(rows, dtype=out.dtype)
-        self._system.syrk(1.0, rows, beta=beta, c=out, overwrite_c=1, lower=1)
-
 
 class PrimalEquations:
     """The system over the weights."""
@@ -95,7 +100,7 @@ class PrimalEquations:
     def __init__(self, inputs: Array, hidden: int, dtype: DTypeLike = np.float32) -> None:
         n, n_inputs = inputs.shape
         n_weights = count_weights(n_inputs - 1, hidden)
-        self._system = _Cholesky(n_weights, dtype)
+        self._system = _DampedSystem(n_weights, dtype)
         self._jacobian = np.empty((n, n_weights), dtype)
         self._hidden = self._jacobian[:, : hidden * n_inputs].reshape(n, hidden, n_inputs)
         self._inputs = inputs.astype(dtype)
@@ -105,7 +110,7 @@ class PrimalEquations:
         slopes = linearisation.slopes.astype(self._jacobian.dtype)
         np.multiply(slopes[:, :, None], self._inputs[:, None, :], out=self._hidden)
         self._jacobian[:, -linearisation.activations.shape[1] :] = linearisation.activations
-        self._system.syrk(1.0, self._jacobian.T, c=self._system.matrix, overwrite_c=1, lower=1)
+        self._system.fill(self._jacobian.T)
 
     def step(
         self, residuals: Array, weights: Array, damping: float, weight_decay: float
