@@ -22,6 +22,38 @@ MOST_NEIGHBOURS = "most-neighbours"
 class ImportOptions:
     """Options of every format. The conventions are never guessed from the data.
 
+    Parameters
+    ----------
+    image_width : int, optional
+        Width to resize images to, keeping their aspect ratio [px]; unchanged by default.
+    reference : str
+        Name of the reference frame, or "most-neighbours" for the frame that has most others
+        within the limits max_mm and max_deg.
+    reference_index : int, optional
+        Number of the reference frame in the list of images, counting from 0, instead of its
+        name.
+    max_mm : float, optional
+        Keep only frames whose camera is at most this far from the reference [mm]; all by
+        default.
+    max_deg : float, optional
+        Keep only frames turned by at most this angle from the reference [deg]; all by default.
+    pivot_mm : float
+        Distance from the camera along its optical axis of the pivot that displacements are
+        taken about [mm], best the distance of the part; 0 takes them about the camera.
+    direction : {"camera-to-world", "world-to-camera"}
+        What the poses map: camera coordinates to world, so that tx, ty and tz are the position
+        of the camera; or world coordinates to camera.
+    units : {"m", "mm"}
+        Unit of tx, ty and tz.
+    axes : {"opencv", "opengl"}
+        Camera axes of the poses: opencv has x right, y down, z forward; opengl has x right,
+        y up, z backward.
+    split : {"auto", "random", "blocks"}
+        How images are split for training and testing: at random, by blocks of time, or by
+        blocks wherever times are known (auto).
+    skip_bad : bool
+        Leave out unusable images and poses, and count them, instead of stopping at the first.
+
     Raises
     ------
     InvalidInputError
@@ -34,44 +66,16 @@ class ImportOptions:
     """
 
     image_width: int | None = None
-    """Width [px] that images are resized to, keeping their aspect ratio; unchanged by default."""
-
     reference: str = MOST_NEIGHBOURS
-    """Name of the reference frame, or "most-neighbours": the frame with most others within
-    max-mm and max-deg of it."""
-
     reference_index: int | None = None
-    """Number of the reference frame in the list of images, counting from 0, instead of its
-    name."""
-
     max_mm: float | None = None
-    """Keep only frames whose camera is at most this far from the reference [mm]; all by
-    default."""
-
     max_deg: float | None = None
-    """Keep only frames turned by at most this angle from the reference [deg]; all by default."""
-
     pivot_mm: float = 550.0
-    """Distance of the pivot of the displacements from the camera along its optical axis [mm]:
-    about the distance of the part; 0 for displacements of the camera itself."""
-
     direction: Direction = "camera-to-world"
-    """What the poses map: camera coordinates to world (the position of the camera stands in
-    tx, ty, tz), or world to camera."""
-
     units: Units = "m"
-    """Unit of tx, ty and tz."""
-
     axes: Axes = "opencv"
-    """Camera axes of the poses: opencv (x right, y down, z forward) or opengl (x right, y up,
-    z backward)."""
-
     split: Literal["auto", "random", "blocks"] = "auto"
-    """How images are split for training and testing: at random, by blocks of time, or auto:
-    by blocks where times are known."""
-
     skip_bad: bool = False
-    """Leave out unreadable images and unusable poses, and count them, instead of stopping."""
 
     @property
     def names_reference(self) -> bool:

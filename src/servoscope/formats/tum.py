@@ -31,7 +31,18 @@ _COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
 @dataclass(frozen=True, kw_only=True)
 class TumOptions(ImportOptions):
-    """Options of a TUM sequence.
+    """Options of a TUM sequence, besides those of every format.
+
+    Parameters
+    ----------
+    max_gap_s : float
+        Largest gap between an image and the pose nearest in time [s]; images without a pose
+        that near are left out.
+    pairing : {"interpolate", "nearest"}
+        The pose of an image: interpolated between the poses before and after it, or the nearest
+        one as it stands.
+    quaternion_order : {"xyzw", "wxyz"}
+        Order of the quaternion: scalar last, as the format has it, or scalar first.
 
     Examples
     --------
@@ -40,15 +51,8 @@ class TumOptions(ImportOptions):
     """
 
     max_gap_s: float = 0.02
-    """Largest gap between an image and the pose nearest in time [s]; images without a pose that
-    near are left out."""
-
     pairing: Literal["interpolate", "nearest"] = "interpolate"
-    """The pose of an image: interpolated between the poses before and after it, or the nearest
-    one as it stands."""
-
     quaternion_order: QuaternionOrder = "xyzw"
-    """Order of the quaternion's four numbers: scalar last, as the format has it, or first."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
