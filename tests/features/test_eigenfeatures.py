@@ -48,7 +48,7 @@ def test_given_basis_gives_what_an_own_one_does(images):
 
 def test_basis_of_images_of_another_size_is_refused_with_both_sizes(images):
     basis = sv.compute_image_basis(images, 5)
-    with pytest.raises(InvalidInputError, match="of 30 x 40 .* images are of 30 x 39"):
+    with pytest.raises(InvalidInputError, match=r"of 30 x 40 .* images are of 30 x 39"):
         sv.Eigenfeatures(5, basis=basis).fit(images[:, :, 1:])
 
 

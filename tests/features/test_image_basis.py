@@ -7,7 +7,7 @@ from sklearn.decomposition import PCA
 
 import servoscope as sv
 from servoscope.errors import InvalidInputError
-from servoscope.features import pixels
+from servoscope.features import pixel_blocks
 
 
 def test_basis_solves_the_eigenvalue_problem_of_the_covariance_matrix(images, normalised):
@@ -51,7 +51,7 @@ def test_runs_agree_bit_for_bit(images):
 
 def test_width_of_the_blocks_does_not_matter(images, monkeypatch):
     in_one = sv.compute_image_basis(images.astype(float), 10)
-    monkeypatch.setattr(pixels, "BLOCK_PIXELS", 101)
+    monkeypatch.setattr(pixel_blocks, "BLOCK_ELEMENTS", 60 * 101)
     in_many = sv.compute_image_basis(images.astype(float), 10)
     np.testing.assert_allclose(in_many.components, in_one.components, atol=1e-10)
 
@@ -86,7 +86,7 @@ def test_too_few_images_are_refused_with_both_numbers(images):
 @pytest.mark.parametrize("dtype", [np.uint8, np.float64])
 def test_repeated_images_are_refused_with_both_numbers(images, dtype):
     repeated = np.tile(images[:10], (6, 1, 1)).astype(dtype)
-    with pytest.raises(InvalidInputError, match="60 images.* have only 9 directions"):
+    with pytest.raises(InvalidInputError, match=r"60 images.* have only 9 directions"):
         sv.compute_image_basis(repeated, 35)
 
 

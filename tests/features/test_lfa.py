@@ -51,7 +51,7 @@ def test_receptive_field_is_a_column_of_the_explicit_matrix(lfa, K):
 
 
 def test_receptive_field_outside_the_image_is_refused(lfa):
-    with pytest.raises(InvalidInputError, match="inside the image of 30 x 40 .* row 30"):
+    with pytest.raises(InvalidInputError, match=r"inside the image of 30 x 40 .* row 30"):
         lfa.receptive_field(30, 0)
 
 

@@ -48,5 +48,5 @@ def test_subwindows_do_not_overlap_and_get_no_brighter():
 
 
 def test_too_many_subwindows_are_refused_with_both_numbers():
-    with pytest.raises(InvalidInputError, match="12 separate subwindows .* only 4 were found"):
+    with pytest.raises(InvalidInputError, match=r"12 separate subwindows .* only 4 were found"):
         brightest_separate(np.eye(24)[::-1] * 0, 12, 12)

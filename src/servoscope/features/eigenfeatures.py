@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from servoscope.errors import InvalidInputError
 from servoscope.features.image_basis import ImageBasis, compute_image_basis
 from servoscope.features.image_transformer import ImageTransformer
-from servoscope.features.pixels import ImageShape, project_images
+from servoscope.features.pixel_blocks import project_images
+from servoscope.features.pixels import ImageShape
 
 
 class Eigenfeatures(ImageTransformer):

@@ -10,13 +10,8 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from servoscope.errors import InvalidInputError
-from servoscope.features.pixels import (
-    ImageShape,
-    check_finite,
-    flatten_images,
-    normalised_blocks,
-    working_dtype,
-)
+from servoscope.features.pixel_blocks import map_blocks, one_blas_thread, working_dtype
+from servoscope.features.pixels import ImageShape, check_finite, flatten_images
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,9 +135,9 @@ def check_n_components(n_components: int) -> None:
 
 def _mean_and_gram(flat: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     mean, gram = np.empty(flat.shape[1]), np.zeros((len(flat), len(flat)))
-    for pixels, block_mean, block in normalised_blocks(flat):
+    for pixels, block_mean, part in map_blocks(lambda block, _: block @ block.T, flat):
         mean[pixels] = block_mean
-        gram += block @ block.T
+        gram += part
     return mean, gram
 
 
@@ -150,7 +145,8 @@ def _leading_eigenpairs(
     gram: NDArray[np.float64], n_components: int, precision: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     n_images = len(gram)
-    eigenvalues, vectors = eigh(gram, subset_by_index=[n_images - n_components, n_images - 1])
+    with one_blas_thread():
+        eigenvalues, vectors = eigh(gram, subset_by_index=[n_images - n_components, n_images - 1])
     eigenvalues, vectors = eigenvalues[::-1], vectors[:, ::-1]
     noise = max(10 * precision * eigenvalues[0], n_images * precision**2)
     n_independent = int(np.count_nonzero(eigenvalues > noise))
@@ -169,8 +165,8 @@ def _components(
     """``(X weights)^T`` with the entry of largest magnitude in each row positive."""
     weights = weights.astype(working_dtype(flat))
     components = np.empty((weights.shape[1], flat.shape[1]), weights.dtype)
-    for pixels, _, block in normalised_blocks(flat, mean):
-        components[:, pixels] = weights.T @ block
+    for pixels, _, part in map_blocks(lambda block, _: weights.T @ block, flat, mean):
+        components[:, pixels] = part
     extremes = components[np.arange(len(components)), np.abs(components).argmax(axis=1)]
     components *= np.sign(extremes)[:, None]
     return components

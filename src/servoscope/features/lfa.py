@@ -14,7 +14,8 @@ from servoscope.features.eigenfeatures import fitted_basis
 from servoscope.features.image_basis import ImageBasis
 from servoscope.features.image_transformer import ImageTransformer, target_names
 from servoscope.features.local_maxima import brightest_separate, filter_centre_weighted
-from servoscope.features.pixels import ImageShape, project_images
+from servoscope.features.pixel_blocks import one_blas_thread, project_images
+from servoscope.features.pixels import ImageShape
 
 Array = NDArray[np.float64]
 
@@ -148,7 +149,8 @@ class LocalFeatureAnalysis(ImageTransformer):
         flat = self._images_to_transform(X)
         rows, columns = self.locations_.reshape(-1, 2).T
         projections = project_images(flat, self.basis_.mean, self.basis_.components)
-        return projections @ self._whitened(rows * self.image_shape_[1] + columns)
+        with one_blas_thread():
+            return projections @ self._whitened(rows * self.image_shape_[1] + columns)
 
     def receptive_field(self, row: int, column: int) -> Array:
         """The receptive field of a pixel: its column of ``K``, as an image.
@@ -182,8 +184,9 @@ class LocalFeatureAnalysis(ImageTransformer):
         return self.basis_.components[:, pixels] / np.sqrt(self.basis_.eigenvalues)[:, None]
 
     def _pose_covariance(self, projections: Array, delta_p: Array) -> Array:
-        weights = (projections.T @ delta_p) / np.sqrt(self.basis_.eigenvalues)[:, None]
-        covariance = weights.T @ self.basis_.components
+        with one_blas_thread():
+            weights = (projections.T @ delta_p) / np.sqrt(self.basis_.eigenvalues)[:, None]
+            covariance = weights.T @ self.basis_.components
         largest = np.abs(covariance).max(axis=1, keepdims=True)
         covariance /= np.where(largest > 0, largest, 1.0)
         return covariance.reshape(-1, *self.image_shape_)

@@ -1,8 +1,7 @@
-"""Images as rows of pixels: their shapes, their brightness, and going through them by blocks."""
+"""Images as rows of pixels: their shapes, and whether they are sound."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -11,9 +10,6 @@ from numpy.typing import NDArray
 from servoscope.errors import InvalidInputError
 
 ImageShape = tuple[int, int]
-
-BLOCK_PIXELS = 4096
-_BLOCK_ELEMENTS = 2**23
 
 
 def flatten_images(X: Any, image_shape: ImageShape | None) -> tuple[Any, ImageShape]:
@@ -75,95 +71,6 @@ def check_finite(flat: NDArray[Any]) -> None:
             f"Pixels must be finite, but image {bad[0]} holds NaN or infinity ({len(bad)} such "
             "images in all); remove or mend them."
         )
-
-
-def brightness_norms(flat: NDArray[Any]) -> NDArray[np.float64]:
-    """Euclidean length of each image, exact up to its rounding for uint8 images.
-
-    Examples
-    --------
-    >>> brightness_norms(np.array([[3, 4], [0, 0]], np.uint8))
-    array([5., 0.])
-    """
-    rows = (row.astype(np.float64, copy=False) for row in flat)
-    return np.sqrt([np.vdot(row, row) for row in rows])
-
-
-def working_dtype(flat: NDArray[Any]) -> type[np.floating[Any]]:
-    """float32 for uint8 and float32 images, float64 for others."""
-    return np.float32 if flat.dtype in (np.uint8, np.float32) else np.float64
-
-
-def normalised_blocks(
-    flat: NDArray[Any], mean: NDArray[np.float64] | None = None
-) -> Iterator[tuple[slice, NDArray[np.float64], NDArray[Any]]]:
-    """Brightness-normalised, centred images, a block of pixels at a time.
-
-    No copy of all the images is ever made. Blocks are of `working_dtype`.
-
-    Parameters
-    ----------
-    flat : ndarray of shape (n_images, n_pixels)
-    mean : ndarray of shape (n_pixels,), optional
-        What is taken from every normalised image; their own mean by default.
-
-    Yields
-    ------
-    pixels : slice
-        Which pixels the block is made of.
-    block_mean : ndarray of shape (n_block,)
-        What was taken from each of them.
-    block : ndarray of shape (n_images, n_block)
-
-    Notes
-    -----
-    Each image is divided by its Euclidean length (after eq. 8). An all-black image, which has
-    none, stays black.
-    """
-    norms = brightness_norms(flat)
-    if not np.isfinite(norms).all():
-        raise InvalidInputError(
-            f"Pixels must be small enough for their squares to be summed, but those of image "
-            f"{np.flatnonzero(~np.isfinite(norms))[0]} are not; scale the images down."
-        )
-    dtype = working_dtype(flat)
-    gain = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0).astype(dtype)
-    n_images, n_pixels = flat.shape
-    width = int(np.clip(_BLOCK_ELEMENTS // max(n_images, 1), 64, BLOCK_PIXELS))
-    for start in range(0, n_pixels, width):
-        pixels = slice(start, start + width)
-        block = flat[:, pixels].astype(dtype)
-        block *= gain[:, None]
-        block_mean = block.mean(axis=0, dtype=np.float64) if mean is None else mean[pixels]
-        block -= block_mean.astype(dtype)
-        yield pixels, block_mean, block
-
-
-def project_images(
-    flat: NDArray[Any], mean: NDArray[np.float64], components: NDArray[Any]
-) -> NDArray[np.float64]:
-    """Projections of brightness-normalised, centred images onto the rows of `components`.
-
-    Parameters
-    ----------
-    flat : ndarray of shape (n_images, n_pixels)
-    mean : ndarray of shape (n_pixels,)
-        Mean of the normalised images that the components were computed from.
-    components : ndarray of shape (n_components, n_pixels)
-
-    Returns
-    -------
-    ndarray of shape (n_images, n_components)
-
-    Examples
-    --------
-    >>> project_images(np.array([[3.0, 4.0]]), np.array([0.5, 0.5]), np.eye(2))
-    array([[0.1, 0.3]])
-    """
-    projections = np.zeros((len(flat), len(components)))
-    for pixels, _, block in normalised_blocks(flat, mean):
-        projections += block @ components[:, pixels].T.astype(block.dtype, copy=False)
-    return projections
 
 
 def _with_shape(X: Any) -> Any:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from sklearn.utils import Tags
 
 from servoscope.features.image_transformer import ImageTransformer, target_names
-from servoscope.features.pixels import ImageShape, normalised_blocks, project_images, working_dtype
+from servoscope.features.pixel_blocks import map_blocks, project_images, working_dtype
+from servoscope.features.pixels import ImageShape
 
 
 class PoseImageCovariance(ImageTransformer):
@@ -84,9 +85,10 @@ class PoseImageCovariance(ImageTransformer):
         flat, delta_p = self._images_and_targets_to_fit(X, y)
         self.mean_ = np.empty(flat.shape[1])
         self.components_ = np.empty((delta_p.shape[1], flat.shape[1]), working_dtype(flat))
-        for pixels, block_mean, block in normalised_blocks(flat):
+        P = delta_p.astype(self.components_.dtype)
+        for pixels, block_mean, part in map_blocks(lambda block, _: P.T @ block, flat):
             self.mean_[pixels] = block_mean
-            self.components_[:, pixels] = delta_p.T.astype(block.dtype) @ block
+            self.components_[:, pixels] = part
         return self
 
     def transform(self, X: Any) -> NDArray[np.float64]:

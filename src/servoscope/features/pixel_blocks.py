@@ -1,0 +1,175 @@
+"""Sums over brightness-normalised images, a block of pixels at a time."""
+
+from __future__ import annotations
+
+import functools
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
+
+from servoscope.errors import InvalidInputError
+
+BLOCK_ELEMENTS = 2**21
+"""Pixels of all images together that are worked on at a time."""
+
+BlockResult = tuple[slice, NDArray[np.float64], Any]
+
+
+def brightness_norms(flat: NDArray[Any]) -> NDArray[np.float64]:
+    """Euclidean length of each image, exact up to its rounding for uint8 images.
+
+    Examples
+    --------
+    >>> brightness_norms(np.array([[3, 4], [0, 0]], np.uint8))
+    array([5., 0.])
+    """
+    rows = (row.astype(np.float64, copy=False) for row in flat)
+    return np.sqrt([np.einsum("i,i", row, row) for row in rows])
+
+
+def working_dtype(flat: NDArray[Any]) -> type[np.floating[Any]]:
+    """float32 for uint8 and float32 images, float64 for others."""
+    return np.float32 if flat.dtype in (np.uint8, np.float32) else np.float64
+
+
+def map_blocks(
+    compute: Callable[[NDArray[Any], slice], Any],
+    flat: NDArray[Any],
+    mean: NDArray[np.float64] | None = None,
+) -> Iterator[BlockResult]:
+    """What a function gives for each block of brightness-normalised, centred images.
+
+    Blocks are shared among as many threads as BLAS is allowed, with BLAS itself on one, and
+    their results come in the order of the pixels. Sums of them are therefore the same, bit for
+    bit, for any number of threads. No copy of all the images is ever made.
+
+    Parameters
+    ----------
+    compute : callable
+        Called with a block of shape (n_images, n_block), of `working_dtype`, and the slice of
+        pixels that it is made of.
+    flat : ndarray of shape (n_images, n_pixels)
+    mean : ndarray of shape (n_pixels,), optional
+        What is taken from every normalised image; their own mean by default.
+
+    Yields
+    ------
+    pixels : slice
+        Which pixels the block is made of.
+    block_mean : ndarray of shape (n_block,)
+        What was taken from each of them.
+    result : object
+        What `compute` gave.
+
+    Raises
+    ------
+    InvalidInputError
+        If pixels are so large that their squares have no finite sum.
+
+    Notes
+    -----
+    Each image is divided by its Euclidean length (after eq. 8). An all-black image, which has
+    none, stays black.
+    """
+    gain = _gains(flat)
+
+    def work(pixels: slice) -> BlockResult:
+        block = flat[:, pixels].astype(gain.dtype)
+        block *= gain[:, None]
+        block_mean = block.mean(axis=0, dtype=np.float64) if mean is None else mean[pixels]
+        block -= block_mean.astype(gain.dtype)
+        return pixels, block_mean, compute(block, pixels)
+
+    n_images, n_pixels = flat.shape
+    width = max(BLOCK_ELEMENTS // max(n_images, 1), 64)
+    blocks = [slice(start, start + width) for start in range(0, n_pixels, width)]
+    with one_blas_thread() as n_threads:
+        if min(n_threads, len(blocks)) == 1:
+            yield from map(work, blocks)
+        else:
+            yield from _map_in_threads(work, blocks, n_threads)
+
+
+def project_images(
+    flat: NDArray[Any], mean: NDArray[np.float64], components: NDArray[Any]
+) -> NDArray[np.float64]:
+    """Projections of brightness-normalised, centred images onto the rows of `components`.
+
+    Parameters
+    ----------
+    flat : ndarray of shape (n_images, n_pixels)
+    mean : ndarray of shape (n_pixels,)
+        Mean of the normalised images that the components were computed from.
+    components : ndarray of shape (n_components, n_pixels)
+
+    Returns
+    -------
+    ndarray of shape (n_images, n_components)
+
+    Examples
+    --------
+    >>> project_images(np.array([[3.0, 4.0]]), np.array([0.5, 0.5]), np.eye(2))
+    array([[0.1, 0.3]])
+    """
+
+    def project(block: NDArray[Any], pixels: slice) -> NDArray[Any]:
+        return block @ components[:, pixels].T.astype(block.dtype, copy=False)
+
+    projections = np.zeros((len(flat), len(components)))
+    for _, _, part in map_blocks(project, flat, mean):
+        projections += part
+    return projections
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[int]:
+    """Keep BLAS to one thread, for results that do not depend on the number.
+
+    Yields
+    ------
+    n_threads : int
+        How many it was allowed before.
+    """
+    controller = _blas_controller()
+    n_threads = max((library.num_threads for library in controller.lib_controllers), default=1)
+    with controller.limit(limits=1):
+        yield n_threads
+
+
+@functools.cache
+def _blas_controller() -> ThreadpoolController:
+    import scipy.linalg  # noqa: F401  its BLAS is another than NumPy's, and has to be seen too
+
+    return ThreadpoolController().select(user_api="blas")
+
+
+def _map_in_threads(
+    work: Callable[[slice], BlockResult], blocks: list[slice], n_threads: int
+) -> Iterator[BlockResult]:
+    pending: deque[Future[BlockResult]] = deque()
+    with ThreadPoolExecutor(n_threads) as pool:
+        for pixels in blocks:
+            pending.append(pool.submit(work, pixels))
+            if len(pending) > n_threads:
+                yield pending.popleft().result()
+        while pending:
+            yield pending.popleft().result()
+
+
+def _gains(flat: NDArray[Any]) -> NDArray[Any]:
+    """What each image is multiplied with to have unit length."""
+    norms = brightness_norms(flat)
+    unbounded = np.flatnonzero(~np.isfinite(norms))
+    if unbounded.size:
+        raise InvalidInputError(
+            "Pixels must be small enough for their squares to be summed, but those of image "
+            f"{unbounded[0]} are not; scale the images down."
+        )
+    gains = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
+    return gains.astype(working_dtype(flat))
