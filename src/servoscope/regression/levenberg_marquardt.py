@@ -192,13 +192,13 @@ def _train(
     history = [(point.training_rms, point.validation_rms, damping)]
     status: Status = "max_iter"
     for iteration in range(1, settings.max_iter + 1):
-        step = _descend(problem, equations, point, damping, settings.weight_decay)
-        if step is None:
+        advance = _descend(problem, equations, point, damping, settings.weight_decay)
+        if advance is None:
             status = "damping_limit"
             break
-        fall = point.cost - step.point.cost
-        point, damping = step.point, step.next_damping
-        history.append((point.training_rms, point.validation_rms, step.damping))
+        fall = point.cost - advance.point.cost
+        point, damping = advance.point, advance.next_damping
+        history.append((point.training_rms, point.validation_rms, advance.damping))
         if not point.validation_rms >= (1 - settings.min_improvement) * best.validation_rms:
             last_progress = iteration
         if not point.validation_rms >= best.validation_rms:
@@ -221,7 +221,7 @@ def _train(
     )
 
 
-class _Step(NamedTuple):
+class _Advance(NamedTuple):
     """Where a step led, the damping it was taken with, and the one to go on with."""
 
     point: _Point
@@ -235,19 +235,18 @@ def _descend(
     point: _Point,
     damping: float,
     weight_decay: float,
-) -> _Step | None:
+) -> _Advance | None:
     """A step that lowers the cost; None if no damping gives one."""
-    derivatives = problem.linearise(point)
-    equations.linearise(derivatives)
-    descent = derivatives.transposed_times(point.residuals) - weight_decay * point.weights
+    equations.linearise(problem.linearise(point))
     while damping <= _DAMPING_LIMITS[1]:
-        change = equations.step(point.residuals, point.weights, damping, weight_decay)
-        if change is not None:
-            trial = problem.evaluate(point.weights + change)
-            fall, foreseen = point.cost - trial.cost, change @ (damping * change + descent)
+        step = equations.step(point.residuals, point.weights, damping, weight_decay)
+        if step is not None:
+            trial = problem.evaluate(point.weights + step.change)
+            fall = point.cost - trial.cost
+            foreseen = damping * (step.change @ step.change) + step.slope
             if fall > 0:
                 factor = _DAMPING_FALL if fall > _TRUSTED_GAIN * foreseen else 1.0
-                return _Step(trial, damping, max(factor * damping, _DAMPING_LIMITS[0]))
+                return _Advance(trial, damping, max(factor * damping, _DAMPING_LIMITS[0]))
         damping *= _DAMPING_RISE
     return None
 

@@ -14,7 +14,7 @@ out and the cost is the same for any number of inputs.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -22,6 +22,14 @@ from scipy.linalg.blas import get_blas_funcs
 from scipy.linalg.lapack import get_lapack_funcs
 
 from servoscope.regression.tanh_network import Array, Linearisation, count_weights
+
+
+class Step(NamedTuple):
+    """A change of the weights, and how steeply what is minimised falls along it."""
+
+    change: Array
+    slope: float
+    """``change' (J'e - w theta)``"""
 
 
 class NormalEquations(Protocol):
@@ -32,8 +40,8 @@ class NormalEquations(Protocol):
 
     def step(
         self, residuals: Array, weights: Array, damping: float, weight_decay: float
-    ) -> Array | None:
-        """The change of the weights, or None where the matrix is not positive definite."""
+    ) -> Step | None:
+        """The step, or None where rounding leaves the matrix not positive definite."""
 
 
 class _DampedSystem:
@@ -83,15 +91,17 @@ class DualEquations:
 
     def step(
         self, residuals: Array, weights: Array, damping: float, weight_decay: float
-    ) -> Array | None:
-        J = self._linearisation
-        if not weight_decay:
-            solution = self._system.solve(residuals, damping)
-            return None if solution is None else J.transposed_times(solution)
-        total = damping + weight_decay
+    ) -> Step | None:
+        J, total = self._linearisation, damping + weight_decay
         share = weight_decay / total
-        solution = self._system.solve(residuals + share * J.times(weights), total)
-        return None if solution is None else J.transposed_times(solution) - share * weights
+        right = residuals + share * J.times(weights) if share else residuals
+        solution = self._system.solve(right, total)
+        if solution is None:
+            return None
+        change = J.transposed_times(solution) - share * weights
+        # J change = e - lam a, as the second form shows when J s is written out.
+        slope = residuals @ (residuals - total * solution) - weight_decay * (change @ weights)
+        return Step(change, float(slope))
 
 
 class PrimalEquations:
@@ -114,9 +124,10 @@ class PrimalEquations:
 
     def step(
         self, residuals: Array, weights: Array, damping: float, weight_decay: float
-    ) -> Array | None:
+    ) -> Step | None:
         descent = self._linearisation.transposed_times(residuals) - weight_decay * weights
-        return self._system.solve(descent, damping + weight_decay)
+        change = self._system.solve(descent, damping + weight_decay)
+        return None if change is None else Step(change, float(change @ descent))
 
 
 def normal_equations(
