@@ -16,6 +16,7 @@ from servoscope.poses import (
     check_displacement,
     displacement_ranges,
     displacements_from_poses,
+    is_rigid,
 )
 
 SPLITS = ("random", "blocks")
@@ -52,7 +53,7 @@ class PoseImageSet:
     Raises
     ------
     DataSetError
-        If the shapes disagree, a pose is not finite, or a name stands twice.
+        If the shapes disagree, a pose is not finite or not rigid, or a name stands twice.
 
     Examples
     --------
@@ -160,13 +161,16 @@ class PoseImageSet:
         content = dataset_folder.read(folder)
         meta = content.pop("meta")
         ranges = meta["pivot_ranges"]
-        return cls(
-            **content,
-            pivot=float(meta["pivot"]),
-            pivot_ranges=None if ranges is None else np.array(ranges, dtype=float),
-            split=meta["split"],
-            source=meta["source"],
-        )
+        try:
+            return cls(
+                **content,
+                pivot=float(meta["pivot"]),
+                pivot_ranges=None if ranges is None else np.array(ranges, dtype=float),
+                split=meta["split"],
+                source=meta["source"],
+            )
+        except (TypeError, ValueError) as error:
+            raise DataSetError(f"{folder} does not hold together: {error}") from error
 
 
 def _check(data: PoseImageSet) -> None:
@@ -190,6 +194,14 @@ def _check(data: PoseImageSet) -> None:
             raise DataSetError(f"{name} must have the shape {shape}, got {array.shape}.")
         if not np.isfinite(array).all():
             raise DataSetError(f"{name} must be finite, but holds NaN or infinity.")
+    if data.reference_image.dtype != np.uint8:
+        raise DataSetError(f"reference_image must be uint8, got {data.reference_image.dtype}.")
+    for name in ("T_world_cam", "T_world_ref"):
+        if not is_rigid(getattr(data, name)):
+            raise DataSetError(
+                f"{name} must hold rigid transforms, but one of them is none: its rotation is not "
+                "orthonormal, it mirrors, or its last row is not 0 0 0 1."
+            )
     if len(data.names) != n_images or len(set(data.names)) != n_images:
         raise DataSetError(
             f"names must be {n_images} different names, one an image, got {len(data.names)} "
@@ -197,5 +209,7 @@ def _check(data: PoseImageSet) -> None:
         )
     if not np.isfinite(data.pivot):
         raise DataSetError(f"pivot must be a finite distance in metres, got {data.pivot}.")
+    if not isinstance(data.source, dict):
+        raise DataSetError(f"source must be a dict, got a {type(data.source).__name__}.")
     if data.split not in SPLITS:
         raise DataSetError(f"split must be one of {', '.join(SPLITS)}, got {data.split!r}.")

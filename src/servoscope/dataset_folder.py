@@ -65,7 +65,7 @@ def create(
         If the folder holds a data set already.
     """
     import zarr
-    from zarr.codecs import BloscCodec
+    from zarr.codecs import BloscCodec, Crc32cCodec
 
     path = Path(folder)
     check_free(path)
@@ -76,7 +76,8 @@ def create(
         shape=(n_images, *image_shape),
         chunks=(min(IMAGES_PER_CHUNK, n_images), *image_shape),
         dtype="uint8",
-        compressors=BloscCodec(cname="lz4", clevel=3, shuffle="noshuffle"),
+        # Blosc does not notice that its input is too short; the check sum does.
+        compressors=(BloscCodec(cname="lz4", clevel=3, shuffle="noshuffle"), Crc32cCodec()),
     )
 
 
@@ -84,8 +85,10 @@ def write_images(folder: Folder, start: int, images: NDArray[np.uint8]) -> None:
     """Write images at positions ``start, start + 1, ...`` of the stack."""
     import zarr
 
-    stack = zarr.open_array(Path(folder) / "images.zarr", mode="r+")
-    stack[start : start + len(images)] = images
+    # Black images are written too, so that a chunk that is not there is known to be lost.
+    with zarr.config.set({"array.write_empty_chunks": True}):
+        stack = zarr.open_array(Path(folder) / "images.zarr", mode="r+")
+        stack[start : start + len(images)] = images
 
 
 def write_progress(folder: Folder, plan: dict[str, Any], n_done: int) -> None:
@@ -193,7 +196,11 @@ def _read_images(path: Path) -> NDArray[np.uint8]:
     import zarr
 
     try:
-        return np.asarray(zarr.open_array(path, mode="r")[:])
+        stack = zarr.open_array(path, mode="r")
+        lost = stack.nchunks - stack.nchunks_initialized
+        if lost:
+            raise DataSetError(f"{lost} of {stack.nchunks} chunks are missing")
+        return np.asarray(stack[:])
     except Exception as error:  # zarr and its codecs raise of every kind on damaged files
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise DataSetError(f"{path} cannot be read ({reason}); make the data set again.") from error
@@ -218,7 +225,7 @@ def _read_poses(path: Path) -> tuple[list[str], NDArray[np.float64], NDArray[np.
 def _read_json(path: Path) -> dict[str, Any]:
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise DataSetError(f"{path} is not readable JSON ({error}).") from error
     if not isinstance(value, dict):
         raise DataSetError(f"{path} must hold a JSON object, got a {type(value).__name__}.")

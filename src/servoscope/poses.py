@@ -68,6 +68,21 @@ def inverse_transform(T: ArrayLike) -> Array:
     return rigid_transform(R_inv, -np.einsum("...ij,...j->...i", R_inv, T[..., :3, 3]))
 
 
+def is_rigid(T: ArrayLike, tolerance: float = 1e-4) -> bool:
+    """Whether all matrices of shape (..., 4, 4) are rotations with a translation.
+
+    Examples
+    --------
+    >>> is_rigid(np.eye(4)), is_rigid(2 * np.eye(4)), is_rigid(np.diag([1.0, 1.0, -1.0, 1.0]))
+    (True, False, False)
+    """
+    T = np.asarray(T, dtype=float)
+    R = T[..., :3, :3]
+    orthonormal = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)) < tolerance
+    last_row = np.abs(T[..., 3, :] - [0.0, 0.0, 0.0, 1.0]) < tolerance
+    return bool(orthonormal.all() and last_row.all() and (np.linalg.det(R) > 0).all())
+
+
 def poses_from_quaternions(translation: ArrayLike, quaternion_xyzw: ArrayLike) -> Array:
     """Rigid transforms from translations and scalar-last quaternions.
 

@@ -1,0 +1,372 @@
+import json
+import os
+import shutil
+
+import numpy as np
+import pytest
+
+from servoscope import dataset_folder
+from servoscope.dataset import PoseImageSet
+from servoscope.errors import DataSetError, FolderExistsError, ServoscopeError
+from servoscope.poses import displacement_ranges, pose_error, poses_from_displacements
+
+RANGES = np.array([0.025] * 3 + [np.radians(15.0)] * 3)
+
+
+def make(n_images=60, **changes):
+    rng = np.random.default_rng(0)
+    T_world_ref = poses_from_displacements(np.eye(4), [0.3, -0.2, 0.9, 3.0, 0.1, 0.4], 0.0)
+    fields = {
+        "images": rng.integers(0, 256, (n_images, 12, 16), dtype=np.uint8),
+        "T_world_cam": poses_from_displacements(
+            T_world_ref, rng.uniform(-1, 1, (n_images, 6)) * RANGES, 0.55
+        ),
+        "T_world_ref": T_world_ref,
+        "reference_image": rng.integers(0, 256, (12, 16), dtype=np.uint8),
+        "pivot": 0.55,
+        "pivot_ranges": RANGES,
+    }
+    return PoseImageSet(**fields | changes)
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("saved") / "set"
+    make().save(folder)
+    return folder
+
+
+@pytest.fixture
+def folder(saved, tmp_path):
+    return shutil.copytree(saved, tmp_path / "set")
+
+
+def refused(folder, match):
+    with pytest.raises(DataSetError, match=match) as caught:
+        PoseImageSet.load(folder)
+    assert "\n" not in str(caught.value)
+
+
+# A set in memory
+
+
+def test_displacements_are_those_that_the_poses_were_made_from():
+    data = make(n_images=5)
+    delta_p = np.random.default_rng(1).uniform(-1, 1, (5, 6)) * RANGES
+    poses = poses_from_displacements(data.T_world_ref, delta_p, 0.55)
+    np.testing.assert_allclose(make(5, T_world_cam=poses).delta_p(), delta_p, atol=1e-12)
+    poses = poses_from_displacements(data.T_world_ref, delta_p, 0.0)
+    moved = make(5, T_world_cam=poses)
+    np.testing.assert_allclose(moved.delta_p("camera"), delta_p, atol=1e-12)
+
+
+def test_ranges_are_the_sampled_ones_in_both_forms():
+    np.testing.assert_array_equal(make().ranges("pivot"), RANGES)
+    expected = displacement_ranges(RANGES, 0.55, "camera")
+    np.testing.assert_array_equal(make().ranges("camera"), expected)
+
+
+def test_ranges_are_the_largest_displacements_where_none_were_sampled():
+    data = make(pivot_ranges=None)
+    np.testing.assert_array_equal(data.ranges(), np.abs(data.delta_p()).max(axis=0))
+
+
+def test_a_dof_that_never_moves_has_the_range_1():
+    delta_p = np.zeros((4, 6))
+    delta_p[:, 0] = [0.01, -0.02, 0.0, 0.005]
+    poses = poses_from_displacements(np.eye(4), delta_p, 0.55)
+    data = make(4, T_world_cam=poses, T_world_ref=np.eye(4), pivot_ranges=None)
+    np.testing.assert_allclose(data.ranges(), [0.02, 1, 1, 1, 1, 1])
+
+
+def test_names_are_numbers_where_none_are_given():
+    assert make(n_images=3).names == ["000000", "000001", "000002"]
+
+
+def with_entry(array, value):
+    array = array.copy()
+    array.flat[5] = value
+    return array
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"images": np.zeros((60, 12, 16))}, "images must be a uint8 array .* got float64"),
+        ({"images": np.zeros((60, 12), np.uint8)}, r"images must be .* shape \(60, 12\)"),
+        ({"images": np.zeros((0, 12, 16), np.uint8)}, "at least one image"),
+        ({"T_world_cam": make().T_world_cam[:-1]}, r"T_world_cam must .* \(60, 4, 4\), got \(59"),
+        ({"T_world_ref": np.eye(3)}, r"T_world_ref must have the shape \(4, 4\), got \(3, 3\)"),
+        ({"reference_image": np.zeros((4, 4), np.uint8)}, r"reference_image .* \(12, 16\)"),
+        ({"reference_image": np.zeros((12, 16))}, "reference_image must be uint8, got float64"),
+        ({"times": np.arange(3.0)}, r"times must have the shape \(60,\)"),
+        ({"pivot_ranges": np.ones(3)}, r"pivot_ranges must have the shape \(6,\)"),
+        ({"T_world_cam": with_entry(make().T_world_cam, np.nan)}, "T_world_cam must be finite"),
+        ({"T_world_ref": with_entry(np.eye(4), np.inf)}, "T_world_ref must be finite"),
+        ({"T_world_cam": 2 * make().T_world_cam}, "T_world_cam must hold rigid transforms"),
+        ({"T_world_ref": np.diag([1.0, 1.0, -1.0, 1.0])}, "T_world_ref must hold rigid"),
+        ({"source": "here"}, "source must be a dict, got a str"),
+        ({"times": np.full(60, np.nan)}, "times must be finite"),
+        ({"names": ["a"] * 60}, "60 different names, one an image, got 60 with 1 different"),
+        ({"names": ["a", "b"]}, "60 different names, one an image, got 2"),
+        ({"pivot": np.nan}, "pivot must be a finite distance in metres, got nan"),
+        ({"split": "sorted"}, "split must be one of random, blocks, got 'sorted'"),
+    ],
+)
+def test_a_set_that_does_not_hold_together_is_refused(changes, message):
+    with pytest.raises(DataSetError, match=message):
+        make(**changes)
+
+
+# Saved and loaded
+
+
+def test_a_set_comes_back_as_it_was_saved(tmp_path):
+    data = make(
+        names=[f'shot, {i} "é".png' for i in range(60)],
+        times=1.3e9 + np.arange(60) / 7,
+        split="blocks",
+        source={"format": "tum", "nested": {"ä": [1, 2.5, None]}},
+    )
+    data.save(tmp_path / "set")
+    loaded = PoseImageSet.load(tmp_path / "set")
+    np.testing.assert_array_equal(loaded.images, data.images)
+    np.testing.assert_array_equal(loaded.reference_image, data.reference_image)
+    np.testing.assert_array_equal(loaded.times, data.times)
+    np.testing.assert_array_equal(loaded.pivot_ranges, data.pivot_ranges)
+    for poses, expected in [
+        (loaded.T_world_cam, data.T_world_cam),
+        (loaded.T_world_ref, data.T_world_ref),
+    ]:
+        distance, angle = pose_error(poses, expected)
+        assert np.max(distance) == 0
+        assert np.max(angle) < 1e-7
+    assert list(loaded.names) == list(data.names)
+    assert (loaded.pivot, loaded.split, loaded.source) == (0.55, "blocks", data.source)
+
+
+def test_what_was_not_given_is_not_there_after_loading(tmp_path):
+    make(pivot_ranges=None).save(tmp_path)
+    loaded = PoseImageSet.load(tmp_path)
+    assert loaded.pivot_ranges is None
+    assert loaded.times is None
+    assert loaded.source == {}
+
+
+@pytest.mark.parametrize("n_images", [1, 24, 25, 26])
+def test_sets_of_any_length_are_saved(tmp_path, n_images):
+    make(n_images).save(tmp_path)
+    np.testing.assert_array_equal(PoseImageSet.load(tmp_path).images, make(n_images).images)
+
+
+def test_black_images_are_images(tmp_path):
+    black = np.zeros((60, 12, 16), np.uint8)
+    make(images=black).save(tmp_path)
+    np.testing.assert_array_equal(PoseImageSet.load(tmp_path).images, black)
+
+
+def test_a_set_is_never_written_over_another(folder):
+    with pytest.raises(FolderExistsError, match="holds a data set already"):
+        make(3).save(folder)
+    assert len(PoseImageSet.load(folder)) == 60
+
+
+def test_removing_a_set_leaves_other_files(folder):
+    (folder / "notes.txt").write_text("mine")
+    dataset_folder.remove(folder)
+    assert [p.name for p in folder.iterdir()] == ["notes.txt"]
+
+
+# Damaged folders
+
+
+def test_a_missing_folder_is_refused(tmp_path):
+    refused(tmp_path / "nothing", "nothing is not a folder")
+
+
+def test_an_empty_folder_is_refused(tmp_path):
+    refused(tmp_path, r"not a data set folder: it has no meta\.json")
+
+
+def test_a_file_is_no_folder(tmp_path):
+    (tmp_path / "file").write_text("")
+    refused(tmp_path / "file", "is not a folder")
+
+
+def test_an_unfinished_set_is_refused_with_how_far_it_came(tmp_path):
+    dataset_folder.create(tmp_path, 100, (12, 16), plan={"seed": 0})
+    dataset_folder.write_progress(tmp_path, {"seed": 0}, 75)
+    refused(tmp_path, r"is unfinished \(75 images\); repeat the command")
+
+
+def edit_meta(folder, **changes):
+    path = folder / "meta.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+
+@pytest.mark.parametrize("version", [0, 2, "1", None, [1]])
+def test_another_version_is_refused(folder, version):
+    edit_meta(folder, version=version)
+    refused(folder, "has version .*, this servoscope reads version 1")
+
+
+@pytest.mark.parametrize("key", ["reference", "pivot", "pivot_ranges", "split", "source"])
+def test_missing_meta_data_is_named(folder, key):
+    meta = json.loads((folder / "meta.json").read_text())
+    del meta[key]
+    (folder / "meta.json").write_text(json.dumps(meta))
+    refused(folder, rf"meta\.json lacks {key}")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"{", b"\xff\xfe", b"[1]", b"null", b'"text"', b"[" * 100_000, b"1" * 10_000],
+)
+def test_meta_data_that_is_no_json_object_is_refused(folder, content):
+    (folder / "meta.json").write_bytes(content)
+    refused(folder, r"meta\.json (is not readable JSON|must hold a JSON object)")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"pivot": "far"},
+        {"pivot": None},
+        {"pivot": []},
+        {"pivot": float("nan")},
+        {"pivot_ranges": "wide"},
+        {"pivot_ranges": [1, 2]},
+        {"pivot_ranges": [[1], [2, 3]]},
+        {"pivot_ranges": {"tx": 1}},
+        {"split": 3},
+        {"split": ["random"]},
+        {"source": "here"},
+        {"reference": []},
+        {"reference": None},
+        {"reference": {"tx": 0}},
+        {"reference": dict.fromkeys(("tx", "ty", "tz", "qx", "qy", "qz", "qw"), 0)},
+        {"reference": dict.fromkeys(("tx", "ty", "tz", "qx", "qy", "qz", "qw"), "a")},
+        {"reference": dict.fromkeys(("tx", "ty", "tz", "qx", "qy", "qz", "qw"), float("inf"))},
+    ],
+)
+def test_meta_data_of_the_wrong_kind_is_refused(folder, changes):
+    edit_meta(folder, **changes)
+    refused(folder, f"^{folder}")
+
+
+def test_missing_images_are_refused(folder):
+    shutil.rmtree(folder / "images.zarr")
+    refused(folder, r"images\.zarr cannot be read")
+
+
+def chunks(folder):
+    return sorted(p for p in (folder / "images.zarr" / "c").rglob("*") if p.is_file())
+
+
+@pytest.mark.parametrize("keep", [0, 7, 0.5])
+def test_a_truncated_chunk_is_refused(folder, keep):
+    chunk = chunks(folder)[1]
+    content = chunk.read_bytes()
+    chunk.write_bytes(content[: keep if isinstance(keep, int) else len(content) // 2])
+    refused(folder, r"images\.zarr cannot be read")
+
+
+def test_a_missing_chunk_is_refused(folder):
+    chunks(folder)[1].unlink()
+    refused(folder, r"images\.zarr .*missing")
+
+
+def test_images_of_another_shape_or_type_are_refused(folder):
+    import zarr
+
+    shutil.rmtree(folder / "images.zarr")
+    stack = zarr.create_array(folder / "images.zarr", shape=(60, 12, 16), dtype="float32")
+    stack[:] = 1.0
+    refused(folder, "images must be a uint8 array")
+
+
+def edit_poses(folder, edit):
+    path = folder / "poses.csv"
+    path.write_text("\n".join(edit(path.read_text().splitlines())) + "\n")
+
+
+def with_field(line, position, value):
+    fields = line.split(",")
+    fields[position] = value
+    return ",".join(fields)
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (lambda rows: rows[:-1], r"poses\.csv has 59 poses for 60 images"),
+        (lambda rows: [*rows, with_field(rows[-1], 0, "more")], "has 61 poses for 60 images"),
+        (lambda rows: rows[:1], r"poses\.csv has 0 poses for 60 images"),
+        (lambda rows: [], r"poses\.csv"),
+        (lambda rows: ["name,x,y,z,a,b,c,d", *rows[1:]], "must have the columns name,tx"),
+        (
+            lambda rows: [*rows[:-1], with_field(rows[-1], 1, "nan")],
+            "must be finite, but number 59",
+        ),
+        (
+            lambda rows: [*rows[:-1], with_field(rows[-1], 3, "inf")],
+            "must be finite, but number 59",
+        ),
+        (
+            lambda rows: [*rows[:-1], with_field(rows[-1], 5, "nan")],
+            "must be finite, but number 59",
+        ),
+        (lambda rows: [*rows[:-1], with_field(rows[-1], 2, "x")], "must have the columns"),
+        (lambda rows: [*rows[:-1], "000059,1,2,3"], "must have the columns"),
+        (lambda rows: [*rows[:-1], "000059,0,0,0,0,0,0,0"], "zero length, but number 59"),
+        (lambda rows: [*rows[:-1], with_field(rows[-1], 0, "000000")], "60 different names"),
+    ],
+)
+def test_damaged_poses_are_refused(folder, edit, message):
+    edit_poses(folder, edit)
+    refused(folder, message)
+
+
+def test_missing_poses_are_refused(folder):
+    (folder / "poses.csv").unlink()
+    refused(folder, r"poses\.csv is missing")
+
+
+def test_poses_that_are_no_text_are_refused(folder):
+    (folder / "poses.csv").write_bytes(b"\xff\xfe\x00name")
+    refused(folder, r"poses\.csv must have the columns")
+
+
+def test_a_missing_or_damaged_reference_image_is_refused(folder):
+    (folder / "reference.png").write_bytes(b"not a png")
+    refused(folder, r"reference\.png is missing or is not an image")
+    (folder / "reference.png").unlink()
+    refused(folder, r"reference\.png is missing or is not an image")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root writes where it likes")
+def test_a_folder_that_may_not_be_written_is_a_permission_error(tmp_path):
+    tmp_path.chmod(0o500)
+    try:
+        with pytest.raises(PermissionError):
+            make().save(tmp_path / "set")
+        assert list(tmp_path.iterdir()) == []
+    finally:
+        tmp_path.chmod(0o700)
+
+
+def test_a_folder_whose_parent_is_a_file_is_a_clear_error(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises((OSError, ServoscopeError)):
+        make().save(tmp_path / "file" / "set")
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_a_set_that_could_not_be_finished_is_not_taken_for_a_whole_one(tmp_path, monkeypatch):
+    def full(path, write):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(dataset_folder, "write_atomically", full)
+    with pytest.raises(OSError, match="No space left"):
+        make().save(tmp_path / "set")
+    refused(tmp_path / "set", "is unfinished")
