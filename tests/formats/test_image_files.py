@@ -90,6 +90,12 @@ def test_a_text_file_is_refused_by_name(tmp_path):
         read_grey(tmp_path / "a.png")
 
 
+@pytest.mark.parametrize(("name", "reason"), [("x" * 300, "name too long"), ("", "directory")])
+def test_what_cannot_be_opened_is_refused_with_the_reason(tmp_path, name, reason):
+    with pytest.raises(DataSetError, match=rf"is not a whole image \((?i:.*{reason})\)"):
+        read_grey(tmp_path / name)
+
+
 def test_a_missing_file_is_told_from_a_damaged_one(tmp_path):
     with pytest.raises(DataSetError, match=r"a\.png is missing"):
         read_grey(tmp_path / "a.png")

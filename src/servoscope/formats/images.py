@@ -114,20 +114,21 @@ def which_readable(paths: Sequence[Path]) -> NDArray[np.bool_]:
 
 
 def _decode(path: Path) -> GreyImage:
-    if not path.exists():
-        raise DataSetError(
-            f"{path} is missing, though a pose is given for it; restore it, remove its pose, or "
-            "leave it out with --skip-bad."
-        )
     try:
         with Image.open(path) as image:
             image.load()
             return _grey(image)
-    except Exception as error:  # Pillow's decoders raise of every kind on damaged files
-        reason = " ".join(str(error).split()).replace(f" {str(path)!r}", "")
+    except FileNotFoundError as error:
         raise DataSetError(
-            f"{path} is not a whole image ({reason or type(error).__name__}); replace it, remove "
-            "its pose, or leave it out with --skip-bad."
+            f"{path} is missing, though a pose is given for it; restore it, remove its pose, or "
+            "leave it out with --skip-bad."
+        ) from error
+    except Exception as error:  # Pillow's decoders raise of every kind on damaged files
+        reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+        reason = " ".join(reason.replace(f" {str(path)!r}", "").split())
+        raise DataSetError(
+            f"{path} is not a whole image ({reason}); replace it, remove its pose, or leave it "
+            "out with --skip-bad."
         ) from error
 
 

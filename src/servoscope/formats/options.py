@@ -77,11 +77,6 @@ class ImportOptions:
     split: Literal["auto", "random", "blocks"] = "auto"
     skip_bad: bool = False
 
-    @property
-    def names_reference(self) -> bool:
-        """Whether the user named the reference frame, by name or by number."""
-        return self.reference != MOST_NEIGHBOURS or self.reference_index is not None
-
     def __post_init__(self) -> None:
         for name, choices in _choices(type(self)).items():
             if getattr(self, name) not in choices:
@@ -97,6 +92,11 @@ class ImportOptions:
             self._check_number(name, above_zero=True)
         for name in ("pivot_mm", "reference_index"):
             self._check_number(name, above_zero=False)
+
+    @property
+    def names_reference(self) -> bool:
+        """Whether the user named the reference frame, by name or by number."""
+        return self.reference != MOST_NEIGHBOURS or self.reference_index is not None
 
     def _check_number(self, name: str, *, above_zero: bool) -> None:
         value = getattr(self, name)
