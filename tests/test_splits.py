@@ -56,8 +56,9 @@ def test_blocks_leave_out_little_and_no_part_is_empty(n_images, seed):
     assert sum(lengths) >= n_images - 20 * max(1, -(-n_images // 20) // 10)
 
 
-def test_one_seed_gives_one_split_and_another_gives_another():
-    a, b, other = (split_images(200, "honest", seed) for seed in (3, 3, 4))
+@pytest.mark.parametrize("times", [None, np.arange(200)])
+def test_one_seed_gives_one_split_and_another_gives_another(times):
+    a, b, other = (split_images(200, "honest", seed, times) for seed in (3, 3, 4))
     np.testing.assert_array_equal(a.train, b.train)
     np.testing.assert_array_equal(a.test, b.test)
     assert set(a.test) != set(other.test)

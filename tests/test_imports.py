@@ -1,0 +1,144 @@
+"""The rooms of the package, the one way through them, and what no file may hold."""
+
+import ast
+import importlib
+from pathlib import Path
+
+import pytest
+
+import servoscope
+
+SOURCE = Path(servoscope.__file__).parent
+FILES = sorted(SOURCE.rglob("*.py"))
+
+# From left to right: a module imports from rooms to its left, or from its own.
+ROOMS = (
+    ("errors",),
+    ("files",),
+    ("poses",),
+    ("dataset_folder",),
+    ("dataset",),
+    ("splits",),
+    ("scene", "formats"),
+    ("robots",),
+    ("acquisition",),
+    ("features",),
+    ("selection",),
+    ("regression",),
+    ("positioning",),
+    ("study",),
+    ("report",),
+    ("commands",),
+    ("cli",),
+    ("__main__",),
+)
+RANK = {room: rank for rank, rooms in enumerate(ROOMS) for room in rooms}
+EDGE = {"scene", "formats", "robots", "acquisition"}
+CORE = {"features", "selection", "regression"}
+
+
+def room_of(file):
+    return file.relative_to(SOURCE).parts[0].removesuffix(".py")
+
+
+def imported_rooms(tree):
+    """Rooms of servoscope that a module imports, wherever in it the import stands."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, f"line {node.lineno}: import absolutely"
+            inside = [f"{node.module}.{alias.name}" for alias in node.names]
+            names = inside if node.module == "servoscope" else [node.module]
+        else:
+            continue
+        for name in names:
+            package, _, rest = name.partition(".")
+            if package == "servoscope" and rest != "__version__":
+                yield rest.split(".")[0]
+
+
+def may_import(room, other):
+    if room in CORE and other in EDGE:
+        return False
+    return other == room or (other in RANK and RANK[other] < RANK[room])
+
+
+def test_there_is_a_place_for_every_module():
+    assert {room_of(file) for file in FILES} - {"__init__"} <= set(RANK)
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(SOURCE)))
+def test_imports_go_one_way(file):
+    room = room_of(file)
+    wrong = [o for o in imported_rooms(ast.parse(file.read_text())) if not may_import(room, o)]
+    assert not wrong, f"{room} may not import {wrong}"
+
+
+@pytest.mark.parametrize(
+    ("room", "source", "allowed"),
+    [
+        ("poses", "from servoscope.errors import InvalidInputError", True),
+        ("poses", "from servoscope.dataset import PoseImageSet", False),
+        ("features", "def f():\n    import servoscope.scene.part", False),
+        ("features", "from servoscope import formats", False),
+        ("selection", "from servoscope import MutualInfoSelector", False),
+        ("scene", "from servoscope.formats import read_tum", False),
+        ("study", "from servoscope.study.config import StudyConfig", True),
+    ],
+)
+def test_a_wrong_import_would_be_seen(room, source, allowed):
+    assert all(may_import(room, other) for other in imported_rooms(ast.parse(source))) == allowed
+
+
+PACKAGES = ["servoscope", *(f"servoscope.{p.parent.name}" for p in SOURCE.glob("*/__init__.pyi"))]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_public_name_exists(package):
+    module = importlib.import_module(package)
+    assert module.__all__
+    for name in module.__all__:
+        assert getattr(module, name) is not None
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(SOURCE)))
+def test_a_file_has_at_most_300_lines(file):
+    assert len(file.read_text().splitlines()) <= 300
+
+
+def is_unsafe(node):
+    """Whether a node runs text as code, or reads or writes pickled objects."""
+    if isinstance(node, ast.Import | ast.ImportFrom):
+        names = [getattr(node, "module", None) or "", *(alias.name for alias in node.names)]
+        return any(name.split(".")[0] in {"pickle", "cloudpickle", "dill"} for name in names)
+    if not isinstance(node, ast.Call):
+        return False
+    called = ast.unparse(node.func)
+    pickles = any(
+        k.arg == "allow_pickle"
+        and not (isinstance(k.value, ast.Constant) and k.value.value is False)
+        for k in node.keywords
+    )
+    return pickles or called in {"eval", "exec", "joblib.load", "joblib.dump"}
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(SOURCE)))
+def test_nothing_is_pickled_and_no_text_is_run(file):
+    assert not [n.lineno for n in ast.walk(ast.parse(file.read_text())) if is_unsafe(n)]
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import pickle",
+        "from pickle import loads",
+        "eval(x)",
+        "exec('y')",
+        "joblib.load(path)",
+        "np.load(path, allow_pickle=True)",
+        "np.load(path, allow_pickle=trusted)",
+    ],
+)
+def test_what_is_unsafe_would_be_seen(source):
+    assert any(is_unsafe(node) for node in ast.walk(ast.parse(source)))
