@@ -48,7 +48,7 @@ def train_networks(
     n_jobs: int | None = None,
     on_progress: Callable[[int], object] | None = None,
 ) -> Iterator[LMRegressor]:
-    """Train a network for every job; yields them in the order of the jobs, as they are ready.
+    """Train a network for every job; yields them in the order of the jobs.
 
     Parameters
     ----------
@@ -85,24 +85,26 @@ def train_networks(
     from servoscope.regression.network import LMRegressor
 
     samples = _check_samples(X, Y, jobs)
-    parts = np.asarray(train), None if validation is None else np.asarray(validation)
+    held_out = None if validation is None else _check_rows(validation, len(samples[0]))
+    parts = _check_rows(train, len(samples[0])), held_out
     template = LMRegressor() if regressor is None else regressor
     options = [template.training_options(job.seed) for job in jobs]
     networks = _train_all(samples, jobs, parts, options, n_jobs)
-    return _adopt_all(networks, template, on_progress)
+    return _adopt_all(networks, jobs, template, on_progress)
 
 
 def _adopt_all(
     networks: Iterator[TrainedNetwork],
+    jobs: Sequence[NetworkJob],
     template: LMRegressor,
     on_progress: Callable[[int], object] | None,
 ) -> Iterator[LMRegressor]:
     from sklearn.base import clone
 
-    for n_done, network in enumerate(networks, start=1):
+    for n_done, (job, network) in enumerate(zip(jobs, networks, strict=True), start=1):
         if on_progress is not None:
             on_progress(n_done)
-        yield clone(template).adopt(network)
+        yield clone(template).set_params(random_state=job.seed).adopt(network)
 
 
 def _train_all(
@@ -148,3 +150,13 @@ def _check_samples(X: ArrayLike, Y: ArrayLike, jobs: Sequence[NetworkJob]) -> tu
                 f"A job's target must be from 0 to {Y.shape[1] - 1}, got {job.target}."
             )
     return X, Y
+
+
+def _check_rows(rows: ArrayLike, n_samples: int) -> NDArray[np.intp]:
+    rows = np.asarray(rows)
+    if not rows.size or rows.max() >= n_samples or rows.min() < 0:
+        raise InvalidInputError(
+            f"The rows that train and stop the training must be from 0 to {n_samples - 1}, at "
+            f"least one of each, got {rows.size} rows."
+        )
+    return rows

@@ -193,6 +193,11 @@ class PoseRegressor(RegressorMixin, BaseEstimator):
             raise InvalidInputError(
                 f"subsets must name {', '.join(self.dofs)}, got {', '.join(self.subsets)}."
             )
+        for dof, subset in self.subsets.items():
+            if len(subset) == 0:
+                raise InvalidInputError(
+                    f"The subset for {dof} is empty; a dof is told from one feature or more."
+                )
         names = getattr(self, "feature_names_in_", self.feature_names)
         known = {} if names is None else {name: i for i, name in enumerate(names)}
         return {

@@ -49,7 +49,9 @@ class Linearisation(NamedTuple):
 
 def append_ones(X: Array) -> Array:
     """`X` with a last column of ones."""
-    return np.hstack([X, np.ones((len(X), 1))])
+    inputs = np.ones((len(X), X.shape[1] + 1))
+    inputs[:, :-1] = X
+    return inputs
 
 
 def count_weights(n_features: int, hidden: int) -> int:

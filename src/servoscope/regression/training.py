@@ -25,6 +25,7 @@ class Standardisation:
     @classmethod
     def of(cls, samples: Array) -> Standardisation:
         """That of samples along the first axis."""
+        samples = np.ascontiguousarray(samples)  # the order of a sum shows in its last bits
         mean, deviation = samples.mean(axis=0), samples.std(axis=0)
         smallest = 1e-12 * np.abs(samples).max(axis=0)
         with np.errstate(divide="ignore"):
