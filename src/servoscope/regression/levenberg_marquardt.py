@@ -47,7 +47,7 @@ class LMSettings:
     """
 
     max_iter: int = 200
-    patience: int = 4
+    patience: int = 3
     damping: float = 10.0
     weight_decay: float = 0.0
     min_improvement: float = 0.005

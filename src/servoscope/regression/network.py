@@ -73,7 +73,7 @@ class LMRegressor(RegressorMixin, BaseEstimator):
         hidden: int = 30,
         restarts: int = 3,
         max_iter: int = 200,
-        patience: int = 4,
+        patience: int = 3,
         weight_decay: float = 0.0,
         damping: float = 10.0,
         random_state: int | np.random.RandomState | None = 0,
