@@ -149,6 +149,14 @@ def test_symmetric_blob_has_no_angle_and_no_skewness():
     assert found["r1"] == found["r2"]
 
 
+@pytest.mark.parametrize("shape", [(20, 9), (1500, 1100)])
+def test_upright_blob_of_uneven_grey_has_theta_exactly_half_pi(shape):
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        rows, columns = (rng.integers(10, 16, side, dtype=np.uint8) for side in shape)
+        assert descriptors(np.outer(rows, columns), (0, 256))["theta"] == math.pi / 2
+
+
 @settings(deadline=None, max_examples=50)
 @given(st.integers(1, 12), st.integers(1, 12), st.integers(1, 256), st.integers(0, 2**32 - 1))
 def test_descriptors_are_always_finite(height, width, levels, seed):

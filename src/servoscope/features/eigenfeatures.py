@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.errors import InvalidInputError
-from servoscope.features.image_basis import ImageBasis, compute_image_basis
+from servoscope.features.image_basis import ImageBasis, fitted_basis
 from servoscope.features.image_transformer import ImageTransformer
 from servoscope.features.pixel_blocks import project_images
 from servoscope.features.pixels import ImageShape
@@ -122,25 +121,3 @@ class Eigenfeatures(ImageTransformer):
 
     def _feature_names(self) -> list[str]:
         return [f"e_{i:02d}" for i in range(len(self.basis_))]
-
-
-def fitted_basis(
-    flat: NDArray[Any], n_components: int, image_shape: ImageShape, basis: ImageBasis | None
-) -> ImageBasis:
-    """The leading eigenvectors of a basis that was given, or else of the images.
-
-    Raises
-    ------
-    InvalidInputError
-        If the basis is of images of another size or has fewer than `n_components` eigenvectors.
-    """
-    if basis is None:
-        return compute_image_basis(flat, n_components, image_shape)
-    if basis.image_shape != image_shape:
-        raise InvalidInputError(
-            "The basis is of images of {} x {} (height x width), but the images are of "
-            "{} x {}; compute the basis from images of this size.".format(
-                *basis.image_shape, *image_shape
-            )
-        )
-    return basis.leading(n_components)

@@ -125,6 +125,28 @@ def compute_image_basis(
     return ImageBasis(image_shape, eigenvalues, mean, components)
 
 
+def fitted_basis(
+    flat: NDArray[Any], n_components: int, image_shape: ImageShape, basis: ImageBasis | None
+) -> ImageBasis:
+    """The leading eigenvectors of a basis that was given, or else of the images.
+
+    Raises
+    ------
+    InvalidInputError
+        If the basis is of images of another size or has fewer than `n_components` eigenvectors.
+    """
+    if basis is None:
+        return compute_image_basis(flat, n_components, image_shape)
+    if basis.image_shape != image_shape:
+        raise InvalidInputError(
+            "The basis is of images of {} x {} (height x width), but the images are of "
+            "{} x {}; compute the basis from images of this size.".format(
+                *basis.image_shape, *image_shape
+            )
+        )
+    return basis.leading(n_components)
+
+
 def check_n_components(n_components: int) -> None:
     """Raise `InvalidInputError` unless `n_components` is a whole number from 1."""
     if not isinstance(n_components, int | np.integer) or n_components < 1:

@@ -10,8 +10,7 @@ from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
 from servoscope.errors import InvalidInputError
-from servoscope.features.eigenfeatures import fitted_basis
-from servoscope.features.image_basis import ImageBasis
+from servoscope.features.image_basis import ImageBasis, fitted_basis
 from servoscope.features.image_transformer import ImageTransformer, target_names
 from servoscope.features.local_maxima import brightest_separate, filter_centre_weighted
 from servoscope.features.pixel_blocks import one_blas_thread, project_images

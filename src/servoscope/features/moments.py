@@ -50,7 +50,8 @@ class GeometricMoments(ImageTransformer):
     -----
     Eq. 1-7 of [1]_, with x the column and y the row, [px], and f the grey level inside the slice
     and 0 outside. Black pixels, of grey level 0, therefore weigh nothing in the slice 0-50.
-    Images that are not uint8 are rounded and clipped to 0..255.
+    Images that are not uint8 are rounded and clipped to 0..255; grey levels on another scale,
+    0 to 1 or 0 to 65535, must be brought to this one first.
 
     - ``x``, ``y`` (eq. 2): centroid. The middle of the image for an empty slice.
     - ``theta`` (eq. 6): angle of the major axis from x towards y, in (-pi/2, pi/2], by the
@@ -145,8 +146,8 @@ def compute_descriptors(raw: NDArray[np.int64], image_shape: ImageShape) -> Arra
     x0, y0 = (2 * m10 + mass) // (2 * mass), (2 * m01 + mass) // (2 * mass)
     x1, x2, x3 = _shifted(m00, m10, m20, m30, x0)
     y1, y2, y3 = _shifted(m00, m01, m02, m03, y0)
-    mu20, mu02 = _less_product(x2, x1, x1, mass), _less_product(y2, y1, y1, mass)
-    mu11 = _less_product(m11 - x0 * m01 - y0 * m10 + x0 * y0 * m00, x1, y1, mass)
+    x1y1 = m11 - x0 * m01 - y0 * m10 + x0 * y0 * m00
+    mu20, mu11, mu02 = x2 - x1 * x1 / mass, x1y1 - x1 * y1 / mass, y2 - y1 * y1 / mass
     dx, dy = x1 / mass, y1 / mass
     theta = 0.5 * np.arctan2(2 * mu11, mu20 - mu02)
     middle, spread = (mu20 + mu02) / 2, np.hypot((mu20 - mu02) / 2, mu11)
@@ -176,14 +177,6 @@ def _shifted(
     s2 = m2 - a * (m1 + s1)
     s3 = m3 - a * (m2 + s2 + (m2 - a * m1))
     return s1, s2, s3
-
-
-def _less_product(
-    m: NDArray[np.int64], a: NDArray[Any], b: NDArray[Any], mass: NDArray[Any]
-) -> Array:
-    """``m - a b / mass`` with one rounding, so that what should be 0 is 0."""
-    quotient, remainder = np.divmod(a * b, mass)
-    return (m - quotient) - remainder / mass
 
 
 def _skewness(third: Array, second: Array) -> Array:

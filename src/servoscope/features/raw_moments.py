@@ -75,7 +75,7 @@ def _check_size(height: int, width: int) -> None:
     if max(height, width) > 2048 and largest_raw_moment(height, width) >= 2**63:
         raise InvalidInputError(
             f"Moments of images of {height} x {width} (height x width) might not fit in 64 bits; "
-            "resize them to at most 2048 pixels a side."
+            "resize them to at most 2048 pixels a side, or say the image_shape of flat ones."
         )
 
 
