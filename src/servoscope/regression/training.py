@@ -12,25 +12,31 @@ from threadpoolctl import ThreadpoolController
 
 from servoscope.regression.levenberg_marquardt import LMResult, LMSettings, levenberg_marquardt
 from servoscope.regression.normal_equations import normal_equations
-from servoscope.regression.tanh_network import Array, append_ones, evaluate, initial_weights
+from servoscope.regression.tanh_network import (
+    Array,
+    append_ones,
+    count_weights,
+    evaluate,
+    initial_weights,
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Standardisation:
-    """Shift and scale to zero mean and unit variance; what is constant becomes zero."""
+    """Shift and scale to zero mean and unit variance."""
 
     mean: Array
     scale: Array
 
     @classmethod
-    def of(cls, samples: Array) -> Standardisation:
-        """That of samples along the first axis."""
+    def of(cls, samples: Array, scale_of_constant: float) -> Standardisation:
+        """That of samples along the first axis, with a fixed scale for what is constant."""
         samples = np.ascontiguousarray(samples)  # the order of a sum shows in its last bits
         mean, deviation = samples.mean(axis=0), samples.std(axis=0)
-        smallest = 1e-12 * np.abs(samples).max(axis=0)
-        with np.errstate(divide="ignore"):
-            scale = np.where(deviation > smallest, 1.0 / deviation, 0.0)
-        return cls(mean, scale)
+        varies = deviation > 1e-12 * np.abs(samples).max(axis=0)
+        return cls(
+            mean, np.where(varies, 1.0 / np.where(varies, deviation, 1.0), scale_of_constant)
+        )
 
     def apply(self, samples: Array) -> Array:
         return (samples - self.mean) * self.scale
@@ -58,10 +64,8 @@ class TrainedNetwork:
 
     def predict(self, X: Array) -> Array:
         """The target at ``X`` of shape (n, k)."""
-        deviation = 1.0 / self.target.scale if self.target.scale else 0.0
-        return self.target.mean + deviation * evaluate(
-            self.weights, append_ones(self.inputs.apply(X))
-        )
+        output = evaluate(self.weights, append_ones(self.inputs.apply(X)))
+        return self.target.mean + output / self.target.scale
 
 
 def train_restarts(
@@ -77,21 +81,24 @@ def train_restarts(
 ) -> TrainedNetwork:
     """Train from `restarts` random starts and keep the start with the least `best_rms`.
 
-    Runs with one BLAS thread, so that a seed gives the same weights in any process.
+    Runs with one BLAS thread, so that a seed gives the same weights in any process. A constant
+    target needs no search: all weights are zero.
     """
-    inputs, target = Standardisation.of(X), Standardisation.of(y)
+    n_features = X.shape[1]
+    starts = _starts(n_features, hidden, restarts, seed)
+    if not np.ptp(y):
+        starts = iter([np.zeros(count_weights(n_features, hidden))])
+    inputs, target = Standardisation.of(X, 0.0), Standardisation.of(y, 1.0)
     X, y = inputs.apply(X), target.apply(y)
     if X_val is not None and y_val is not None:
         X_val, y_val = inputs.apply(X_val), target.apply(y_val)
     with _one_blas_thread():
         equations = normal_equations(append_ones(X), hidden)
         results = [
-            levenberg_marquardt(X, y, start, X_val, y_val, settings, equations)
-            for start in _starts(X.shape[1], hidden, restarts, seed)
+            levenberg_marquardt(X, y, start, X_val, y_val, settings, equations) for start in starts
         ]
     best = int(np.argmin([result.best_rms for result in results]))
-    deviation = 1.0 / float(target.scale) if target.scale else 0.0
-    scaled = tuple(_rescale(result, deviation) for result in results)
+    scaled = tuple(_rescale(result, 1.0 / float(target.scale)) for result in results)
     return TrainedNetwork(results[best].weights, inputs, target, scaled, best)
 
 
