@@ -105,3 +105,13 @@ def test_more_eigenvectors_than_the_basis_has_are_refused_with_both_numbers(imag
 def test_numbers_of_eigenvectors_that_make_no_sense_are_refused(images, n_components):
     with pytest.raises(InvalidInputError, match="whole number from 1"):
         sv.compute_image_basis(images, n_components)
+
+
+def test_weak_eigenvectors_of_grey_images_are_kept_and_right():
+    rng = np.random.default_rng(0)
+    images = np.repeat(rng.integers(60, 200, (2, 64, 64)), 15, axis=0)
+    images[:, 0, :30] += 20 * np.eye(30, dtype=int)
+    basis = sv.compute_image_basis(images.astype(np.uint8), 20)
+    exact = sv.compute_image_basis(images.astype(float), 20)
+    assert basis.eigenvalues[-1] < 1e-5 * basis.eigenvalues[0]
+    np.testing.assert_allclose(basis.eigenvalues, exact.eigenvalues, rtol=0.05)

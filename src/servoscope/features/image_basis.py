@@ -170,7 +170,8 @@ def _leading_eigenpairs(
     with one_blas_thread():
         eigenvalues, vectors = eigh(gram, subset_by_index=[n_images - n_components, n_images - 1])
     eigenvalues, vectors = eigenvalues[::-1], vectors[:, ::-1]
-    noise = max(10 * precision * eigenvalues[0], n_images * precision**2)
+    rounding = max(precision, n_images * float(np.finfo(gram.dtype).eps))
+    noise = max(rounding * eigenvalues[0], n_images * precision**2)
     n_independent = int(np.count_nonzero(eigenvalues > noise))
     if n_independent < n_components:
         raise InvalidInputError(
