@@ -84,6 +84,26 @@ def test_a_matrix_that_is_not_positive_definite_gives_no_step():
     assert dual.step(residuals, weights, -1.0, 0.0) is None
 
 
-def test_many_weights_are_solved_over_samples_and_few_over_weights():
-    assert isinstance(normal_equations(np.ones((750, 66)), 30), DualEquations)
-    assert isinstance(normal_equations(np.ones((750, 3)), 30), PrimalEquations)
+@pytest.mark.parametrize(("k", "form"), [(65, DualEquations), (2, PrimalEquations)])
+def test_many_weights_are_solved_over_samples_and_few_over_weights(k, form):
+    inputs, weights, derivatives, residuals = _random_problem(200, k, 10)
+    chosen = normal_equations(inputs, 10)
+    expected = DualEquations(inputs) if form is DualEquations else PrimalEquations(inputs, 10)
+    for equations in (chosen, expected):
+        equations.linearise(derivatives)
+    np.testing.assert_array_equal(
+        chosen.step(residuals, weights, 1.0, 0.0).change,
+        expected.step(residuals, weights, 1.0, 0.0).change,
+    )
+
+
+@pytest.mark.parametrize("k", [2, 65], ids=["primal", "dual"])
+@pytest.mark.parametrize("damping", [1e-1, 1e-3, 1e-5, 1e-7])
+def test_small_dampings_lose_no_digits_to_rounding(k, damping):
+    inputs, weights, derivatives, residuals = _random_problem(200, k, 10)
+    chosen, exact = normal_equations(inputs, 10), PrimalEquations(inputs, 10, np.float64)
+    for equations in (chosen, exact):
+        equations.linearise(derivatives)
+    found = chosen.step(residuals, weights, damping, 0.0).change
+    expected = exact.step(residuals, weights, damping, 0.0).change
+    np.testing.assert_allclose(found, expected, atol=0.05 * np.abs(expected).max())

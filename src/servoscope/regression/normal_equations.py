@@ -14,6 +14,8 @@ out and the cost is the same for any number of inputs.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -22,6 +24,9 @@ from scipy.linalg.blas import get_blas_funcs
 from scipy.linalg.lapack import get_lapack_funcs
 
 from servoscope.regression.tanh_network import Array, Linearisation, count_weights
+
+_SAFETY = 4.0
+"""How many times the rounding of its largest eigenvalue the damping of a matrix must be."""
 
 
 class Step(NamedTuple):
@@ -61,6 +66,10 @@ class _DampedSystem:
         """Add ``rows rows'`` to the matrix."""
         self._syrk(1.0, rows, beta=1.0, c=self.matrix, overwrite_c=1, lower=1)
 
+    def trace(self) -> float:
+        """Sum of the diagonal, which no eigenvalue exceeds."""
+        return float(np.trace(self.matrix))
+
     def solve(self, right: Array, damping: float) -> Array | None:
         """The solution with `damping` on the diagonal; None where rounding leaves none."""
         np.copyto(self._factor, self.matrix)
@@ -88,6 +97,10 @@ class DualEquations:
         self._system.fill(np.asfortranarray(linearisation.slopes, self._dtype))
         self._system.matrix *= self._input_gram
         self._system.add(np.asfortranarray(linearisation.activations, self._dtype))
+
+    def trace(self) -> float:
+        """Trace of the system's matrix."""
+        return self._system.trace()
 
     def step(
         self, residuals: Array, weights: Array, damping: float, weight_decay: float
@@ -122,6 +135,10 @@ class PrimalEquations:
         self._jacobian[:, -linearisation.activations.shape[1] :] = linearisation.activations
         self._system.fill(self._jacobian.T)
 
+    def trace(self) -> float:
+        """Trace of the system's matrix."""
+        return self._system.trace()
+
     def step(
         self, residuals: Array, weights: Array, damping: float, weight_decay: float
     ) -> Step | None:
@@ -130,12 +147,51 @@ class PrimalEquations:
         return None if change is None else Step(change, float(change @ descent))
 
 
-def normal_equations(
-    inputs: Array, hidden: int, dtype: DTypeLike = np.float32
-) -> DualEquations | PrimalEquations:
+class MixedPrecision:
+    """Single precision, and double for dampings that single precision would round away.
+
+    Parameters
+    ----------
+    form : callable
+        Makes the equations in a given precision.
+    """
+
+    def __init__(self, form: Callable[[DTypeLike], DualEquations | PrimalEquations]) -> None:
+        self._form = form
+        self._single = form(np.float32)
+        self._double: DualEquations | PrimalEquations | None = None
+        self._double_is_current = False
+
+    def linearise(self, linearisation: Linearisation) -> None:
+        """Take the derivatives that the next steps start from."""
+        self._linearisation = linearisation
+        self._single.linearise(linearisation)
+        self._double_is_current = False
+
+    def step(
+        self, residuals: Array, weights: Array, damping: float, weight_decay: float
+    ) -> Step | None:
+        """The step, in the precision that the damping needs."""
+        equations: NormalEquations = self._single
+        if damping + weight_decay < _SAFETY * np.finfo(np.float32).eps * self._single.trace():
+            equations = self._in_double()
+        return equations.step(residuals, weights, damping, weight_decay)
+
+    def _in_double(self) -> NormalEquations:
+        if self._double is None:
+            self._double = self._form(np.float64)
+        if not self._double_is_current:
+            self._double.linearise(self._linearisation)
+            self._double_is_current = True
+        return self._double
+
+
+def normal_equations(inputs: Array, hidden: int) -> MixedPrecision:
     """The form that costs fewer operations for these inputs and number of hidden units."""
     n, n_inputs = inputs.shape
     n_weights = count_weights(n_inputs - 1, hidden)
     dual = 2 * hidden * n**2 + n**3 / 3
     primal = n * n_weights**2 + n_weights**3 / 3
-    return DualEquations(inputs, dtype) if dual < primal else PrimalEquations(inputs, hidden, dtype)
+    if dual < primal:
+        return MixedPrecision(partial(DualEquations, inputs))
+    return MixedPrecision(partial(PrimalEquations, inputs, hidden))
