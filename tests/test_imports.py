@@ -3,6 +3,7 @@
 import ast
 import importlib
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -91,15 +92,20 @@ def test_a_wrong_import_would_be_seen(room, source, allowed):
     assert all(may_import(room, other) for other in imported_rooms(ast.parse(source))) == allowed
 
 
-PACKAGES = ["servoscope", *(f"servoscope.{p.parent.name}" for p in SOURCE.glob("*/__init__.pyi"))]
+PUBLISHING = [
+    file for file in FILES if file.name == "__init__.py" and "__all__" in file.read_text()
+]
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_every_public_name_exists(package):
-    module = importlib.import_module(package)
-    assert module.__all__
-    for name in module.__all__:
-        assert getattr(module, name) is not None
+@pytest.mark.parametrize("file", PUBLISHING, ids=lambda file: file.parent.name)
+def test_every_public_name_exists_and_no_module_hides_it(file):
+    package = ".".join(file.parent.relative_to(SOURCE.parent).parts)
+    for module in file.parent.glob("[a-z]*.py"):
+        importlib.import_module(f"{package}.{module.stem}")
+    public = importlib.import_module(package)
+    assert public.__all__
+    for name in public.__all__:
+        assert not isinstance(getattr(public, name), ModuleType)
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(SOURCE)))

@@ -1,5 +1,28 @@
 """Which features to use: mutual information, ranking, and minimum subsets."""
 
-import lazy_loader
+# Not loaded lazily: the function `mutual_information` must hide the module of that name.
+from servoscope.selection.binning import bin_codes
+from servoscope.selection.ideal_point import rank_ideal_point
+from servoscope.selection.mutual_information import (
+    mutual_information,
+    pairwise_mutual_information,
+)
+from servoscope.selection.ranking import Ranking
+from servoscope.selection.selector import CRITERIA, MutualInfoSelector
+from servoscope.selection.stability import OrderStability, order_stability
+from servoscope.selection.sweep import ThresholdSubset, best_subset, threshold_subsets
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [
+    "CRITERIA",
+    "MutualInfoSelector",
+    "OrderStability",
+    "Ranking",
+    "ThresholdSubset",
+    "best_subset",
+    "bin_codes",
+    "mutual_information",
+    "order_stability",
+    "pairwise_mutual_information",
+    "rank_ideal_point",
+    "threshold_subsets",
+]

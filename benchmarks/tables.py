@@ -1,0 +1,59 @@
+"""Timings as text for a terminal and as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from benchmarks.timing import Table, Timing
+
+HEADER = ("tool", "wall s", "CPU s", "ratio", "remark")
+
+
+def as_text(table: Table) -> str:
+    """The table in columns of equal width."""
+    rows = [HEADER, *_rows(table)]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(HEADER))]
+    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)) for row in rows]
+    return "\n".join([f"{table.title}: {table.job}", *(line.rstrip() for line in lines)])
+
+
+def as_markdown(table: Table) -> str:
+    """The table under a heading of the second level."""
+    rows = [HEADER, ("---",) * len(HEADER), *_rows(table)]
+    lines = [f"| {' | '.join(row)} |" for row in rows]
+    return "\n".join([f"## {table.title}", "", f"{table.job}.", "", *lines])
+
+
+def as_page(machine: Mapping[str, str], tables: Sequence[Table], command: str) -> str:
+    """A whole page of Markdown."""
+    head = [
+        "# Benchmarks",
+        "",
+        f"Written by `{command}`. Every table is one run on one set of data: the tools take turns, "
+        "and the medians are shown. The ratio is that of processor time to ours; wall time also "
+        'tells who uses several threads. "est" is scaled up from a part of the work.',
+        "",
+        *(f"- {topic}: {text}" for topic, text in machine.items()),
+    ]
+    return "\n\n".join(["\n".join(head), *map(as_markdown, tables)]) + "\n"
+
+
+def _rows(table: Table) -> list[tuple[str, ...]]:
+    return [
+        (
+            timing.name,
+            _seconds(timing.wall, timing),
+            _seconds(timing.cpu, timing),
+            _figures(table.ratio(timing)),
+            timing.remark,
+        )
+        for timing in table.timings
+    ]
+
+
+def _seconds(seconds: float, timing: Timing) -> str:
+    return f"{_figures(seconds)}{' est' if timing.estimated else ''}"
+
+
+def _figures(value: float) -> str:
+    return f"{value:.3g}" if value < 1000 else f"{value:,.0f}"
