@@ -3,7 +3,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
 
 from planar import planar_data_set
 from servoscope.errors import InvalidInputError
@@ -86,8 +85,7 @@ def test_honest_features_do_not_depend_on_the_images_that_test(finished, plane, 
     images = plane.images.copy()
     images[split.test] = planar_data_set(seed=7).images[split.test]
     study = study_of(replace(plane, images=images), tmp_path / "run")
-    with threadpool_limits(1):
-        tables = study._tables_of(finished.tables["honest", "pivot"].values[:, :24], "honest")
+    tables = study._tables_of(finished.tables["honest", "pivot"].values[:, :24], "honest")
     before = finished.tables["honest", "pivot"].values[split.train]
     np.testing.assert_array_equal(tables["honest", "pivot"][0].values[split.train], before)
 
@@ -135,6 +133,16 @@ def test_blocks_are_split_in_the_order_of_the_images_where_no_times_are_known(tm
     data = planar_data_set(split="blocks")
     split = study_of(data, tmp_path / "run").split("honest")
     assert np.mean(np.diff(split.train) == 1) > 0.8
+
+
+def test_a_constant_dof_and_a_constant_feature_do_no_harm(tmp_path):
+    moving = planar_data_set()
+    still = replace(moving, T_world_cam=np.broadcast_to(np.eye(4), (150, 4, 4)))
+    config = StudyConfig(hidden=2, restarts=1, n_thresholds=2, protocols=("honest",))
+    study_of(still, tmp_path / "run", config, n_jobs=1).run()
+    unit = results(tmp_path / "run")["protocols"]["honest"]["pivot"]
+    assert unit["mi"]["theta_50"]["rz"] == 0
+    assert unit["table1"]["gm"]["rz"]["rms"] == pytest.approx(0, abs=1e-9)
 
 
 def test_too_few_images_are_refused_before_anything_is_computed(tmp_path):

@@ -58,9 +58,13 @@ class StudyNets:
 def plan_sweeps(
     assessment: Assessment, thresholds: NDArray[np.float64]
 ) -> dict[str, list[ThresholdSubset]]:
-    """The distinct subsets of every dof's ranked features along the thresholds."""
+    """The distinct subsets of every dof's ranked features along the thresholds.
+
+    A dof that no feature tells of, since it never moves, gets the subset of all ranked features.
+    """
     return {
         dof: threshold_subsets(ranking.order, ranking.relevance, thresholds)
+        or [ThresholdSubset(tuple(ranking.order.tolist()), (0.0,))]
         for dof, ranking in assessment.rankings.items()
     }
 

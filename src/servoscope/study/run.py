@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from numpy.typing import NDArray
 
 from servoscope import __version__
 from servoscope.dataset import PoseImageSet
@@ -99,6 +98,11 @@ class Study:
             times = np.arange(n_images) if self.data.times is None else self.data.times
         return split_images(len(self.data), protocol, self.config.seed, times)
 
+    def targets(self, displacement: str) -> NDArray[np.float64]:
+        """Displacements scaled to [-1, 1]; exactly 0 for a dof that never moves."""
+        targets = self.data.delta_p(displacement) / self.data.ranges(displacement)
+        return np.where(np.ptp(targets, axis=0) > 1e-9, targets, 0.0)
+
     @cached_property
     def tables(self) -> dict[Unit, FeatureTable]:
         """The feature tables that the first stage left in ``features.npz``."""
@@ -113,7 +117,7 @@ class Study:
         return {
             (protocol, displacement): assess_features(
                 self.tables[protocol, displacement],
-                self.data.delta_p(displacement),
+                self.targets(displacement),
                 everything if protocol == "paper" else self.split(protocol).train,
                 n_bins=self.config.n_bins,
                 n_ranked=self.config.n_ranked,
@@ -128,11 +132,9 @@ class Study:
         pictures = self.folder.path / "vectors"
         pictures.mkdir(exist_ok=True)
         protocols = self.config.protocols
-        with self.progress("features", len(protocols)) as advance, threadpool_limits(1):
-            with ThreadPoolExecutor(len(protocols)) as threads:
-                computed = threads.map(partial(self._tables_of, moments), protocols)
-            for n_done, tables in enumerate(computed, start=1):
-                for unit, (table, shown) in tables.items():
+        with self.progress("features", len(protocols)) as advance:
+            for n_done, protocol in enumerate(protocols, start=1):
+                for unit, (table, shown) in self._tables_of(moments, protocol).items():
                     arrays["_".join(unit)] = table.values
                     arrays["names"] = np.array(table.names)
                     write_arrays(pictures / "{}_{}.npz".format(*unit), vars(shown))
@@ -140,7 +142,7 @@ class Study:
         write_arrays(self.folder.path / "features.npz", arrays)
 
     def _tables_of(
-        self, moments: np.ndarray, protocol: str
+        self, moments: NDArray[np.float64], protocol: str
     ) -> dict[Unit, tuple[FeatureTable, FeaturePictures]]:
         train = self.split(protocol).train
         basis = compute_image_basis(self.data.images[train], N_EIGENVECTORS)
@@ -162,7 +164,7 @@ class Study:
         protocol, displacement = unit
         table, assessment, split = self.tables[unit], self.assessments[unit], self.split(protocol)
         ranges = self.data.ranges(displacement)
-        targets = self.data.delta_p(displacement) / ranges
+        targets = self.targets(displacement)
         sweeps = plan_sweeps(assessment, self.config.thresholds)
         n_nets = len(FAMILIES) * len(DOFS) + sum(map(len, sweeps.values()))
         with self.progress(f"nets ({protocol}, {displacement})", n_nets) as advance:
