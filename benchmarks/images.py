@@ -1,0 +1,66 @@
+"""Images per second, from the ray caster to the features."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+import servoscope as sv
+from benchmarks.scenery import textured_images
+from benchmarks.timing import Contender, Table, race
+from servoscope.poses import poses_from_displacements
+from servoscope.scene.render import render
+from servoscope.scene.scene import T_WORLD_REF, Scene
+
+RANGES = np.array([0.025] * 3 + [np.radians(15.0)] * 3)
+PIVOT = 0.55
+
+
+def tables(quick: bool) -> Iterator[Table]:
+    """One table."""
+    n_images, size = (200, 128) if quick else (1000, 256)
+    with TemporaryDirectory() as folder:
+        timings = race(_contenders(n_images, size, Path(folder)), repeats=3)
+    yield Table(
+        "Images",
+        f"{n_images} images of {size} x {size}; the ratio is to the first line",
+        [replace(t, remark=f"{n_images / t.wall:,.0f} images/s") for t in timings],
+    )
+
+
+def _contenders(n_images: int, size: int, folder: Path) -> list[Contender]:
+    delta_p = np.random.default_rng(0).uniform(-1, 1, (n_images, 6)) * RANGES
+    poses = poses_from_displacements(T_WORLD_REF, delta_p, PIVOT)
+    images = textured_images(n_images, size)
+    data = sv.PoseImageSet(images, poses, T_WORLD_REF, images[0], pivot=PIVOT, pivot_ranges=RANGES)
+    data.save(folder / "read")
+    n_rendered = n_images // 20
+    scene = Scene(image_size=size)
+    written = (folder / f"written_{i}" for i in range(n_images))
+    families = [
+        sv.GeometricMoments(),
+        sv.Eigenfeatures(n_components=35),
+        sv.PoseImageCovariance(),
+        sv.LocalFeatureAnalysis(n_components=35),
+    ]
+    features = [
+        Contender(
+            f"{type(family).__name__} fit and transform",
+            lambda family=family: family.fit(images, delta_p).transform(images),
+        )
+        for family in families
+    ]
+    return [
+        Contender(
+            "ray caster, one process",
+            lambda: [render(scene, pose) for pose in poses[:n_rendered]],
+            n_images / n_rendered,
+        ),
+        Contender("data set folder, written", lambda: data.save(next(written))),
+        Contender("data set folder, read", lambda: sv.PoseImageSet.load(folder / "read")),
+        *features,
+    ]
