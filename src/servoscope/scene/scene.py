@@ -1,0 +1,52 @@
+"""The cell: a part on a table, lights over it, and the camera's lens and sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from servoscope.errors import InvalidInputError
+from servoscope.poses import rigid_transform
+from servoscope.scene.lens import Lens
+from servoscope.scene.lights import Lighting
+from servoscope.scene.part import CylinderHead
+from servoscope.scene.sensor import Sensor
+
+STANDOFF = 0.55
+"""Height of the reference camera over the deck of the part, [m]."""
+
+T_WORLD_REF = rigid_transform(np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, STANDOFF])
+"""Reference pose of the camera: over the part, looking straight down, x to the world's x."""
+T_WORLD_REF.setflags(write=False)
+
+SIZE_LIMITS = (16, 2048)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """All that an image depends on but the pose of the camera and the noise.
+
+    Parameters
+    ----------
+    part : CylinderHead
+        Its deck lies in the plane z = 0; it stands on a white table.
+    lighting : Lighting
+    lens : Lens
+    sensor : Sensor
+    image_size : int
+        Height and width of the images, 16 to 2048, [px].
+    """
+
+    part: CylinderHead = field(default_factory=CylinderHead)
+    lighting: Lighting = field(default_factory=Lighting)
+    lens: Lens = field(default_factory=Lens)
+    sensor: Sensor = field(default_factory=Sensor)
+    image_size: int = 256
+
+    def __post_init__(self) -> None:
+        low, high = SIZE_LIMITS
+        if not (isinstance(self.image_size, int) and low <= self.image_size <= high):
+            raise InvalidInputError(
+                f"image_size must be a whole number from {low} to {high}, got {self.image_size!r}."
+            )
