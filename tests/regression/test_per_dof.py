@@ -102,6 +102,26 @@ def test_arrays_bring_back_the_same_predictions_bit_for_bit(samples, subsets, tm
     assert copy.subsets == subsets
 
 
+def test_arrays_of_a_model_fitted_on_a_frame_keep_the_names(samples, subsets):
+    X, delta_p = samples
+    frame = pd.DataFrame(X, columns=NAMES)
+    model = PoseRegressor(subsets, QUICK).fit(frame, delta_p)
+    copy = PoseRegressor.from_arrays(model.to_arrays())
+    np.testing.assert_array_equal(copy.predict(frame), model.predict(frame))
+    with pytest.raises(ValueError, match="feature names should match"):
+        copy.predict(frame.rename(columns={"noise": "other"}))
+
+
+def test_regressors_fitted_elsewhere_are_joined(samples, subsets):
+    X, delta_p = samples
+    regressors = {
+        dof: LinearRegression().fit(X[:, subsets[dof]], delta_p[:, i]) for i, dof in enumerate(DOFS)
+    }
+    joined = PoseRegressor.from_fitted(regressors, subsets, n_features=7)
+    whole = PoseRegressor(subsets, LinearRegression()).fit(X, delta_p)
+    np.testing.assert_array_equal(joined.predict(X), whole.predict(X))
+
+
 def test_arrays_that_are_not_a_model_are_refused(samples, subsets):
     X, delta_p = samples
     arrays = PoseRegressor(subsets, QUICK).fit(X, delta_p).to_arrays()

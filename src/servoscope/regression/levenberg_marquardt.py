@@ -9,14 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.regression.normal_equations import NormalEquations, normal_equations
-from servoscope.regression.tanh_network import (
-    Array,
-    Linearisation,
-    activate,
-    append_ones,
-    linearise,
-    split_weights,
-)
+from servoscope.regression.objective import Objective, Point
+from servoscope.regression.tanh_network import Array, split_weights
 
 Status = Literal["stopped_early", "converged", "max_iter", "damping_limit"]
 
@@ -133,115 +127,64 @@ def levenberg_marquardt(
     algorithm, IEEE Trans. Neural Networks 5 (1994), 989-993.
     """
     settings = settings or LMSettings()
-    problem = _Problem(X, y, X_val, y_val, settings.weight_decay)
+    objective = Objective(X, y, X_val, y_val, settings.weight_decay)
     if equations is None:
         hidden = len(split_weights(weights, X.shape[1] + 1)[0])
-        equations = normal_equations(problem.inputs[: len(y)], hidden)
-    return _train(problem, equations, weights, settings)
-
-
-class _Point(NamedTuple):
-    """The network at some weights."""
-
-    weights: Array
-    activations: Array
-    residuals: Array
-    cost: float
-    training_rms: float
-    validation_rms: float
-
-
-class _Problem:
-    """The samples, those that train first, and what is minimised over them."""
-
-    def __init__(
-        self, X: Array, y: Array, X_val: Array | None, y_val: Array | None, weight_decay: float
-    ) -> None:
-        stacked = X if X_val is None else np.vstack([X, X_val])
-        self.inputs = append_ones(stacked)
-        self.targets = y if y_val is None else np.concatenate([y, y_val])
-        self.n_train = len(y)
-        self._weight_decay = weight_decay
-
-    def evaluate(self, weights: Array) -> _Point:
-        n = self.n_train
-        activations = activate(weights, self.inputs)
-        _, v = split_weights(weights, self.inputs.shape[1])
-        residuals = self.targets - activations @ v
-        squares = float(residuals[:n] @ residuals[:n])
-        cost = squares + self._weight_decay * float(weights @ weights)
-        return _Point(
-            weights,
-            activations[:n],
-            residuals[:n],
-            cost,
-            np.sqrt(squares / n),
-            _rms(residuals[n:]),
-        )
-
-    def linearise(self, point: _Point) -> Linearisation:
-        return linearise(point.weights, self.inputs[: self.n_train], point.activations)
-
-
-def _train(
-    problem: _Problem, equations: NormalEquations, weights: Array, settings: LMSettings
-) -> LMResult:
-    point = best = problem.evaluate(weights)
+        equations = normal_equations(objective.training_inputs, hidden)
+    point = best = objective.at(weights)
     best_iteration = last_progress = 0
     damping = settings.damping
     history = [(point.training_rms, point.validation_rms, damping)]
-    status: Status = "max_iter"
-    for iteration in range(1, settings.max_iter + 1):
-        advance = _descend(problem, equations, point, damping, settings.weight_decay)
+    status: Status | None = None
+    while status is None:
+        advance = _descend(objective, equations, point, damping, settings.weight_decay)
         if advance is None:
             status = "damping_limit"
             break
-        fall = point.cost - advance.point.cost
+        relative_fall = 1.0 - advance.point.cost / point.cost
         point, damping = advance.point, advance.next_damping
         history.append((point.training_rms, point.validation_rms, advance.damping))
+        iteration = len(history) - 1
+        # Written so that every point is the best where the validation error is NaN.
         if not point.validation_rms >= (1 - settings.min_improvement) * best.validation_rms:
             last_progress = iteration
         if not point.validation_rms >= best.validation_rms:
             best, best_iteration = point, iteration
-        if iteration - last_progress >= settings.patience:
-            status = "stopped_early"
-            break
-        if fall <= settings.tol * point.cost:
-            status = "converged"
-            break
-    training_rms, validation_rms, dampings = np.array(history).T
-    return LMResult(
-        best.weights,
-        status,
-        len(history) - 1,
-        best_iteration,
-        training_rms,
-        validation_rms,
-        dampings,
-    )
+        status = _why_stop(settings, iteration, iteration - last_progress, relative_fall)
+    return _result(best, best_iteration, status, history)
+
+
+def _why_stop(
+    settings: LMSettings, iteration: int, idle: int, relative_fall: float
+) -> Status | None:
+    if idle >= settings.patience:
+        return "stopped_early"
+    if relative_fall <= settings.tol:
+        return "converged"
+    return "max_iter" if iteration >= settings.max_iter else None
 
 
 class _Advance(NamedTuple):
     """Where a step led, the damping it was taken with, and the one to go on with."""
 
-    point: _Point
+    point: Point
     damping: float
     next_damping: float
 
 
 def _descend(
-    problem: _Problem,
+    objective: Objective,
     equations: NormalEquations,
-    point: _Point,
+    point: Point,
     damping: float,
     weight_decay: float,
 ) -> _Advance | None:
     """A step that lowers the cost; None if no damping gives one."""
-    equations.linearise(problem.linearise(point))
+    equations.linearise(objective.linearise(point))
     while damping <= _DAMPING_LIMITS[1]:
         step = equations.step(point.residuals, point.weights, damping, weight_decay)
         if step is not None:
-            trial = problem.evaluate(point.weights + step.change)
+            trial = objective.at(point.weights + step.change)
             fall = point.cost - trial.cost
             foreseen = damping * (step.change @ step.change) + step.slope
             if fall > 0:
@@ -251,6 +194,16 @@ def _descend(
     return None
 
 
-def _rms(residuals: Array) -> float:
-    """Root mean square, NaN of nothing."""
-    return float(np.sqrt(residuals @ residuals / len(residuals))) if len(residuals) else np.nan
+def _result(
+    best: Point, best_iteration: int, status: Status, history: list[tuple[float, float, float]]
+) -> LMResult:
+    training_rms, validation_rms, damping = np.array(history).T
+    return LMResult(
+        best.weights,
+        status,
+        len(history) - 1,
+        best_iteration,
+        training_rms,
+        validation_rms,
+        damping,
+    )

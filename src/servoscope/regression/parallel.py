@@ -116,10 +116,10 @@ def _train_all(
 ) -> Iterator[TrainedNetwork]:
     with joblib.parallel_config("loky", n_jobs=n_jobs, inner_max_num_threads=1):
         parallel = joblib.Parallel(return_as="generator", batch_size=1, max_nbytes=1024)
-        yield from parallel(
-            joblib.delayed(_train_one)(*samples, *parts, job, option)
-            for job, option in zip(jobs, options, strict=True)
-        )
+    return parallel(
+        joblib.delayed(_train_one)(*samples, *parts, job, option)
+        for job, option in zip(jobs, options, strict=True)
+    )
 
 
 def _train_one(

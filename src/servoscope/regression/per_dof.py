@@ -147,6 +147,8 @@ class PoseRegressor(RegressorMixin, BaseEstimator):
             "dofs": np.asarray(self.dofs, dtype=str),
             "n_features": np.asarray(self.n_features_in_),
         }
+        if hasattr(self, "feature_names_in_"):
+            arrays["feature_names"] = np.asarray(self.feature_names_in_, dtype=str)
         for dof, regressor in self.regressors_.items():
             arrays[f"{dof}.columns"] = self.columns_[dof]
             arrays.update({f"{dof}.{name}": a for name, a in regressor.to_arrays().items()})
@@ -172,7 +174,10 @@ class PoseRegressor(RegressorMixin, BaseEstimator):
             }
             columns[dof] = np.asarray(own.pop("columns", []), dtype=np.intp).tolist()
             regressors[dof] = LMRegressor.from_arrays(own)
-        return cls.from_fitted(regressors, columns, int(np.asarray(arrays["n_features"])))
+        model = cls.from_fitted(regressors, columns, int(np.asarray(arrays["n_features"])))
+        if "feature_names" in arrays:
+            model.feature_names_in_ = np.asarray(arrays["feature_names"], dtype=object)
+        return model
 
     def _check(self, X: Any, delta_p: Any, reset: bool) -> tuple[NDArray, NDArray]:
         X, delta_p = validate_data(
