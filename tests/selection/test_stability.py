@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import kendalltau
 
+from servoscope.errors import InvalidInputError
 from servoscope.selection.ideal_point import rank_ideal_point
 from servoscope.selection.mutual_information import mutual_information, pairwise_mutual_information
 from servoscope.selection.stability import order_stability
@@ -53,3 +54,15 @@ def test_a_single_target_gives_one_comparison(data):
     X, Y = data
     (stability,) = order_stability(X, Y[:, 0], n_bins=[5, 10])
     assert stability.orders.shape == (2, 12)
+
+
+def test_a_single_feature_has_one_order(rng):
+    x = rng.normal(size=(50, 1))
+    (stability,) = order_stability(x, x[:, 0], n_bins=[5, 10])
+    assert stability.same_steps.tolist() == [1, 1]
+    assert stability.kendall_tau.tolist() == [1.0, 1.0]
+
+
+def test_no_number_of_bins_is_refused(data):
+    with pytest.raises(InvalidInputError, match="at least one number of bins"):
+        order_stability(*data, n_bins=[])

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import kendalltau
 
+from servoscope.errors import InvalidInputError
 from servoscope.selection.ideal_point import rank_ideal_point
 from servoscope.selection.mutual_information import (
     mutual_information,
@@ -34,7 +35,7 @@ class OrderStability:
     overlap : ndarray of shape (n,)
         Share of the first `n_top` features that the two orders have in common, 0 to 1.
     kendall_tau : ndarray of shape (n,)
-        Rank correlation of the two orders of all features, -1 to 1.
+        Rank correlation of the two orders of all features, -1 to 1; 1 for a single feature.
     """
 
     n_bins: NDArray[np.intp]
@@ -71,7 +72,7 @@ def order_stability(
     Raises
     ------
     InvalidInputError
-        If a value is NaN or infinite, or a number of bins is out of range.
+        If a value is NaN or infinite, or a number of bins is out of range or none is given.
 
     Examples
     --------
@@ -81,6 +82,8 @@ def order_stability(
     >>> stability.same_steps
     array([3, 3])
     """
+    if not len(n_bins):
+        raise InvalidInputError("n_bins must name at least one number of bins, got none.")
     targets = np.asarray(y)
     targets = targets[:, None] if targets.ndim == 1 else targets
     expected = _orders(X, targets, reference)
@@ -102,11 +105,16 @@ def _compare(
 ) -> OrderStability:
     agrees = orders == expected
     n_top = min(n_top, len(expected))
-    ranks = np.argsort(orders, axis=1)
     return OrderStability(
         n_bins=n_bins,
         orders=orders,
         same_steps=np.logical_and.accumulate(agrees, axis=1).sum(axis=1),
         overlap=np.array([np.isin(o[:n_top], expected[:n_top]).mean() for o in orders]),
-        kendall_tau=np.array([kendalltau(r, np.argsort(expected)).statistic for r in ranks]),
+        kendall_tau=np.array([_kendall_tau(o, expected) for o in orders]),
     )
+
+
+def _kendall_tau(order: NDArray[np.intp], expected: NDArray[np.intp]) -> float:
+    if len(order) == 1:
+        return 1.0
+    return float(kendalltau(np.argsort(order), np.argsort(expected)).statistic)
