@@ -7,17 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
-
 import servoscope as sv
-from benchmarks.scenery import textured_images
+from benchmarks.scenery import PIVOT, RANGES, displaced_images
 from benchmarks.timing import Contender, Table, race
 from servoscope.poses import poses_from_displacements
 from servoscope.scene.render import render
 from servoscope.scene.scene import T_WORLD_REF, Scene
-
-RANGES = np.array([0.025] * 3 + [np.radians(15.0)] * 3)
-PIVOT = 0.55
 
 
 def tables(quick: bool) -> Iterator[Table]:
@@ -33,9 +28,8 @@ def tables(quick: bool) -> Iterator[Table]:
 
 
 def _contenders(n_images: int, size: int, folder: Path) -> list[Contender]:
-    delta_p = np.random.default_rng(0).uniform(-1, 1, (n_images, 6)) * RANGES
+    images, delta_p = displaced_images(n_images, size)
     poses = poses_from_displacements(T_WORLD_REF, delta_p, PIVOT)
-    images = textured_images(n_images, size)
     data = sv.PoseImageSet(images, poses, T_WORLD_REF, images[0], pivot=PIVOT, pivot_ranges=RANGES)
     data.save(folder / "read")
     n_rendered = n_images // 20

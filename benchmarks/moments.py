@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from skimage.measure import moments as skimage_moments
 
-from benchmarks.scenery import textured_images
+from benchmarks.scenery import displaced_images
 from benchmarks.timing import Contender, Table, race
 from servoscope.features.moments import PAPER_SLICES
 from servoscope.features.raw_moments import ORDERS, compute_raw_moments
@@ -17,7 +17,7 @@ from servoscope.features.raw_moments import ORDERS, compute_raw_moments
 def tables(quick: bool) -> Iterator[Table]:
     """One table."""
     n_images, size = (200, 128) if quick else (1000, 256)
-    images = textured_images(n_images, size)
+    images, _ = displaced_images(n_images, size)
     _check_agreement(images[0])
     yield Table(
         "Moments",

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from sklearn.decomposition import PCA
 
-from benchmarks.scenery import textured_images
+from benchmarks.scenery import displaced_images
 from benchmarks.timing import Contender, Table, race
 from servoscope.features import compute_image_basis
 
@@ -17,7 +17,7 @@ N_COMPONENTS = 35
 def tables(quick: bool) -> Iterator[Table]:
     """One table."""
     n_images, size = (200, 128) if quick else (1000, 256)
-    images = textured_images(n_images, size)
+    images, _ = displaced_images(n_images, size)
     yield Table(
         "PCA",
         f"{N_COMPONENTS} eigenvectors of {n_images} images of {size} x {size}",

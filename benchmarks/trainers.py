@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -126,11 +127,12 @@ def scipy_lbfgs(problem: Problem) -> Trace:
 
 
 def torch_levenberg_marquardt(problem: Problem) -> Trace:
-    """The package torch-levenberg-marquardt, float32, by Cholesky."""
+    """The package torch-levenberg-marquardt, float32, by Cholesky, with its own damping."""
     import torch
     from torch_levenberg_marquardt.loss import MSELoss
     from torch_levenberg_marquardt.training import LevenbergMarquardtModule
 
+    logging.getLogger("torch_levenberg_marquardt").setLevel(logging.CRITICAL)
     torch.set_num_threads(1)
     n_features = problem.X.shape[1]
     model = torch.nn.Sequential(

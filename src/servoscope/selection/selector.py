@@ -93,6 +93,8 @@ class MutualInfoSelector(SelectorMixin, BaseEstimator):
         ------
         InvalidInputError
             If a parameter is out of range, or `X` is not finite.
+        ValueError
+            If `X` is no table, or `y` is not one finite number a sample.
         """
         if self.criterion not in CRITERIA:
             raise InvalidInputError(
