@@ -36,6 +36,11 @@ def is_data_set(folder: Folder) -> bool:
     return any((Path(folder) / part).exists() for part in (*_PARTS[:2], "images.zarr"))
 
 
+def is_finished(folder: Folder) -> bool:
+    """Whether the folder holds a whole data set."""
+    return (Path(folder) / "meta.json").exists()
+
+
 def check_free(folder: Folder) -> None:
     """Raise FolderExistsError if the folder holds a data set, or is a file."""
     path = Path(folder)

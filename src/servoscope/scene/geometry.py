@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,11 +21,11 @@ N_SKY_RAYS = 64
 TABLE_BOUNCE = 0.5
 """Radiance of the table relative to that of the sky, for the ambient light from below."""
 
-TABLE_CELL = 0.004
-"""Spacing of the points of the table whose ambient light is computed, [m]."""
-
 TABLE_MARGIN = 0.12
-"""How far around the part the table's ambient light is computed, [m]."""
+"""How far around the part the light on the table is mapped, [m]."""
+
+SKY_CELL, LAMP_CELL = 0.004, 0.001
+"""Spacing of the map's points at which sky and lamps are looked for, [m]."""
 
 _LIFT = np.float32(2e-4)
 """How far off its surface a ray starts, [m]."""
@@ -40,21 +41,11 @@ class Geometry:
     tree : embreex.rtcore_scene.EmbreeScene
     sky : ndarray of shape (n_vertices,)
         Share of the ambient light that reaches each vertex.
-    table_sky : ndarray of shape (n_y, n_x)
-        The same on a grid of points of the table, `TABLE_CELL` apart, the first of them at
-        `table_origin`.
-    table_origin : ndarray of shape (2,)
-        [m].
-    table_z : float
-        [m].
     """
 
     mesh: Mesh
     tree: Any
     sky: Floats
-    table_sky: Floats
-    table_origin: Floats
-    table_z: float
 
 
 @lru_cache(maxsize=4)
@@ -62,14 +53,43 @@ def geometry_of(part: CylinderHead) -> Geometry:
     """The part's geometry; computed once a process."""
     mesh = part.mesh()
     tree = _tree(mesh)
-    table_z = float(mesh.bounds[0, 2])
-    low, high = mesh.bounds[:, :2] + np.array([[-TABLE_MARGIN], [TABLE_MARGIN]])
-    x, y = (np.arange(a, b, TABLE_CELL) for a, b in zip(low, high, strict=True))
-    grid = np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), table_z)], axis=-1)
-    up = np.broadcast_to(np.float32([0, 0, 1]), grid.shape)
-    table_sky = _sky(tree, grid.reshape(-1, 3), up.reshape(-1, 3)).reshape(len(y), len(x))
-    sky = _sky(tree, mesh.vertices, mesh.normals)
-    return Geometry(mesh, tree, sky, table_sky, low.astype(np.float32), table_z)
+    return Geometry(mesh, tree, _sky(tree, mesh.vertices, mesh.normals))
+
+
+def map_table_light(geometry: Geometry, lamps: Floats) -> tuple[Floats, Floats]:
+    """A map of the light on the table around the part.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    lamps : ndarray of shape (n_lamps, 4)
+        Position and strength of each.
+
+    Returns
+    -------
+    light : ndarray of shape (n_y, n_x, 1 + n_lamps)
+        Share of the ambient light, and 1 where each lamp is not shaded, at points of the table
+        `LAMP_CELL` apart.
+    origin : ndarray of shape (2,)
+        The first of those points, [m].
+    """
+    coarse, fine = (_table_points(geometry.mesh.bounds, cell) for cell in (SKY_CELL, LAMP_CELL))
+    up = np.broadcast_to(np.float32([0, 0, 1]), coarse.shape)
+    sky = _sky(geometry.tree, coarse.reshape(-1, 3), up.reshape(-1, 3)).reshape(coarse.shape[:2])
+    light = np.ones((*fine.shape[:2], 1 + len(lamps)), np.float32)
+    light[..., 0] = cv2.resize(sky, light.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+    points = fine.reshape(-1, 3)
+    for k, lamp in enumerate(lamps, start=1):
+        shaded = geometry.tree.run(points, lamp[:3] - points, dists=1.0, query="OCCLUDED") >= 0
+        light[..., k] = np.where(shaded.reshape(fine.shape[:2]), 0, 1)
+    return light, fine[0, 0, :2].copy()
+
+
+def _table_points(bounds: Floats, cell: float) -> Floats:
+    low, high = bounds[:, :2] + np.array([[-TABLE_MARGIN], [TABLE_MARGIN]])
+    x, y = (np.arange(a, b, cell) for a, b in zip(low, high, strict=True))
+    points = np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), bounds[0, 2])], axis=-1)
+    return points.astype(np.float32)
 
 
 def _tree(mesh: Mesh) -> Any:

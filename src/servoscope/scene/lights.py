@@ -47,10 +47,10 @@ class Lighting:
     """
 
     lamps: tuple[PointLight, ...] = (
-        PointLight(position=(0.55, 0.75, 1.15), strength=1.05),
-        PointLight(position=(-0.80, -0.45, 1.05), strength=0.80),
+        PointLight(position=(0.55, 0.75, 1.15), strength=0.64),
+        PointLight(position=(-0.80, -0.45, 1.05), strength=0.50),
     )
-    ambient: float = 0.42
+    ambient: float = 0.68
 
     def lamp_rows(self) -> NDArray[np.float32]:
         """Position and strength of each lamp, shape (n_lamps, 4)."""

@@ -48,7 +48,9 @@ def valves(chamber_x: Array, rng: np.random.Generator) -> Manifold:
     for x, here in zip(chamber_x, present, strict=True):
         for (dx, dy, r), there in zip(_VALVE_PLACES, here, strict=True):
             if there:
-                head = rod(0, 0, (-3, -1), r) + rod(0, 0, (-9, -3), 3.5, r) - rod(0, 0, (-1.7, 0), 4)
+                head = (
+                    rod(0, 0, (-3, -1), r) + rod(0, 0, (-9, -3), 3.5, r) - rod(0, 0, (-1.7, 0), 4)
+                )
                 solids.append(_on_slope(head + rod(0, 0, (-34, -3), 3), x + dx, dy))
     return union(solids)
 

@@ -36,14 +36,14 @@ class Material:
     milled: bool = False
 
 
-TABLE = Material(albedo=0.80)
-CAST = Material(albedo=0.32, specular=0.03, shininess=8.0, mottle=0.10, roughness=0.10)
+TABLE = Material(albedo=0.90)
+CAST = Material(albedo=0.30, specular=0.03, shininess=8.0, mottle=0.10, roughness=0.10)
 MACHINED = Material(
-    albedo=0.43, specular=0.06, shininess=12.0, mottle=0.025, roughness=0.004, milled=True
+    albedo=0.41, specular=0.06, shininess=12.0, mottle=0.025, roughness=0.004, milled=True
 )
-BORED = Material(albedo=0.24, specular=0.05, shininess=20.0, mottle=0.02)
-VALVE = Material(albedo=0.34, specular=0.12, shininess=30.0, mottle=0.05, roughness=0.01)
-SOOT = Material(albedo=0.27, specular=0.02, shininess=6.0, mottle=0.14, roughness=0.06)
+BORED = Material(albedo=0.22, specular=0.05, shininess=20.0, mottle=0.02)
+VALVE = Material(albedo=0.32, specular=0.12, shininess=30.0, mottle=0.05, roughness=0.01)
+SOOT = Material(albedo=0.26, specular=0.02, shininess=6.0, mottle=0.14, roughness=0.06)
 
 MATERIALS = (TABLE, CAST, MACHINED, BORED, VALVE, SOOT)
 """Every material; a mesh names them by their place here."""
@@ -51,7 +51,5 @@ MATERIALS = (TABLE, CAST, MACHINED, BORED, VALVE, SOOT)
 
 def material_table() -> NDArray[np.float32]:
     """`MATERIALS` as rows of numbers, in the order of `Material`'s fields."""
-    rows = [
-        (m.albedo, m.specular, m.shininess, m.mottle, m.roughness, m.milled) for m in MATERIALS
-    ]
+    rows = [(m.albedo, m.specular, m.shininess, m.mottle, m.roughness, m.milled) for m in MATERIALS]
     return np.array(rows, dtype=np.float32)

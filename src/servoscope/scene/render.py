@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from servoscope.scene import shading
-from servoscope.scene.geometry import TABLE_CELL, geometry_of
+from servoscope.scene.geometry import LAMP_CELL, geometry_of, map_table_light
 from servoscope.scene.grain import grain_tile
 from servoscope.scene.lens import Lens
 from servoscope.scene.materials import material_table
@@ -16,14 +17,14 @@ from servoscope.scene.scene import Scene
 
 Floats = NDArray[np.float32]
 
-FEWEST_SAMPLES = 256
+FEWEST_SAMPLES = 128
 """Samples along each side of an image at the least; smaller images are averaged down."""
 
-CONTRAST = 0.03
+CONTRAST = 0.08
 """Pixels that differ from a neighbour by more radiance than this are looked at closely."""
 
 _CENTRE = np.array([[0.5, 0.5]], np.float32)
-_ROTATED_GRID = np.array([[3, 1], [7, 3], [1, 5], [5, 7]], np.float32) / 8
+_DIAGONAL = np.array([[0.25, 0.25], [0.75, 0.75]], np.float32)
 
 
 def render(
@@ -55,7 +56,7 @@ def render(
 def render_radiance(scene: Scene, T_world_cam: ArrayLike) -> Floats:
     """The light that falls on each pixel, 1 being white under full light.
 
-    One ray is cast through the middle of each pixel, and four more through each pixel that
+    One ray is cast through the middle of each pixel, and two more through each pixel that
     differs from a neighbour.
 
     Parameters
@@ -74,37 +75,65 @@ def render_radiance(scene: Scene, T_world_cam: ArrayLike) -> Floats:
     n = size * finer
     radiance = _trace(scene, pose, np.arange(n * n, dtype=np.int32), _CENTRE).reshape(n, n)
     rough = shading.rough_pixels(radiance, np.float32(CONTRAST))
-    closer = _trace(scene, pose, rough, _ROTATED_GRID).reshape(-1, len(_ROTATED_GRID))
-    radiance.ravel()[rough] = closer.mean(axis=1)
+    closer = _trace(scene, pose, rough, _DIAGONAL).reshape(-1, len(_DIAGONAL)).sum(axis=1)
+    radiance.ravel()[rough] = (radiance.ravel()[rough] + closer) / (1 + len(_DIAGONAL))
     return radiance.reshape(size, finer, size, finer).mean(axis=(1, 3))
 
 
 def _trace(scene: Scene, pose: Floats, pixels: NDArray[np.int32], offsets: Floats) -> Floats:
     """Radiance along the rays through each pixel at each offset."""
     n = len(pixels) * len(offsets)
-    around, tree = _surroundings(scene)
+    cell = _cell(scene)
     corners = _pixel_corners(scene.lens, scene.image_size)
     rotation, centre = np.ascontiguousarray(pose[:3, :3]), np.ascontiguousarray(pose[:3, 3])
     rays, origins = np.empty((2, n + 1, 3), np.float32)
     index = np.empty(n, np.int32)
     surface = shading.Surface(*np.empty((3, n, 3), np.float32))
-    radiance = np.empty(n, np.float32)
-    count = shading.aim(corners, pixels, offsets, rotation, centre, around.bounds, rays, index)
-    shading.locate_table(rays[:n], centre, around, surface, radiance)
+    radiance, lit = np.empty((2, n), np.float32)
+    count = shading.aim(corners, pixels, offsets, rotation, centre, cell.bounds, rays, index)
+    shading.locate_table(rays[:n], centre, cell.table, cell.ambient, surface, radiance)
     towards_part = index[:count]
     origins[:count] = centre
-    hit = tree.run(origins[:count], rays[towards_part], output=True)
-    shading.locate_part(
-        towards_part, hit["primID"], hit["u"], hit["v"], around, surface, radiance
-    )
-    shaded = np.empty(n, np.bool_)
-    for lamp in scene.lighting.lamp_rows():
-        count = shading.aim_at_lamp(surface, lamp, around.bounds, origins, rays, index)
-        blocked = tree.run(origins[:count], rays[:count], dists=1.0, query="OCCLUDED")
-        shaded[:] = False
-        shaded[index[:count]] = blocked >= 0
-        shading.add_light(surface, lamp, centre, shaded, radiance)
+    hit = cell.tree.run(origins[:count], rays[towards_part], output=True)
+    triangle, u, v = hit["primID"], hit["u"], hit["v"]
+    shading.locate_part(towards_part, triangle, u, v, cell.part, cell.ambient, surface, radiance)
+    for place, lamp in enumerate(cell.lamps, start=1):
+        count = shading.aim_at_lamp(
+            surface, lamp, place, cell.bounds, cell.table, lit, origins, rays, index
+        )
+        blocked = cell.tree.run(origins[:count], rays[:count], dists=1.0, query="OCCLUDED")
+        lit[index[:count][blocked >= 0]] = 0
+        shading.add_light(surface, lamp, centre, lit, radiance)
     return radiance
+
+
+class _Cell(NamedTuple):
+    """All that rays need of a scene."""
+
+    tree: Any
+    bounds: Floats
+    part: shading.Part
+    table: shading.Table
+    lamps: Floats
+    ambient: np.float32
+
+
+@lru_cache(maxsize=4)
+def _cell(scene: Scene) -> _Cell:
+    geometry = geometry_of(scene.part)
+    mesh, lamps, looks = geometry.mesh, scene.lighting.lamp_rows(), material_table()
+    light, origin = map_table_light(geometry, lamps)
+    part = shading.Part(
+        mesh.vertices,
+        mesh.normals,
+        geometry.sky,
+        mesh.triangles,
+        mesh.materials,
+        looks,
+        grain_tile(),
+    )
+    table = shading.Table(mesh.bounds[0, 2], looks[0], light, origin, np.float32(LAMP_CELL))
+    return _Cell(geometry.tree, mesh.bounds, part, table, lamps, np.float32(scene.lighting.ambient))
 
 
 @lru_cache(maxsize=4)
@@ -114,24 +143,3 @@ def _pixel_corners(lens: Lens, image_size: int) -> Floats:
     edges = np.arange(image_size * finer + 1) / finer - 0.5
     grid = np.stack(np.meshgrid(edges, edges), axis=-1)
     return np.ascontiguousarray(lens.rays(grid, image_size)[..., :2], dtype=np.float32)
-
-
-@lru_cache(maxsize=4)
-def _surroundings(scene: Scene) -> tuple[shading.Surroundings, object]:
-    geometry = geometry_of(scene.part)
-    mesh = geometry.mesh
-    around = shading.Surroundings(
-        vertices=mesh.vertices,
-        normals=mesh.normals,
-        sky=geometry.sky,
-        triangles=mesh.triangles,
-        materials=mesh.materials,
-        looks=material_table(),
-        grain=grain_tile(),
-        bounds=mesh.bounds,
-        table_sky=geometry.table_sky[..., None],
-        table_origin=geometry.table_origin,
-        table_cell=np.float32(TABLE_CELL),
-        ambient=np.float32(scene.lighting.ambient),
-    )
-    return around, geometry.tree

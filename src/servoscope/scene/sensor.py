@@ -32,7 +32,7 @@ class Sensor:
         Standard deviation of the noise of reading out, [electrons].
     """
 
-    exposure: float = 1.0
+    exposure: float = 1.06
     gain: float = 1.0
     vignetting: float = 0.10
     blur: float = 0.5 / 256

@@ -22,8 +22,8 @@ _FLAT = np.float32(0.02)
 """What a ray must fall towards the table, at unit depth, to be said to meet it."""
 
 
-class Surroundings(NamedTuple):
-    """What the passes need to know of the part, the table and the grain of surfaces."""
+class Part(NamedTuple):
+    """What the passes need to know of the part's triangles and of the grain of its surfaces."""
 
     vertices: Floats
     normals: Floats
@@ -32,11 +32,20 @@ class Surroundings(NamedTuple):
     materials: NDArray[np.uint8]
     looks: Floats
     grain: Floats
-    bounds: Floats
-    table_sky: Floats
-    table_origin: Floats
-    table_cell: np.float32
-    ambient: np.float32
+
+
+class Table(NamedTuple):
+    """The plane under the part, and a map of the light on it around the part.
+
+    ``light[..., 0]`` is the share of the ambient light that arrives at the points of a grid,
+    `cell` apart and the first at `origin`; ``light[..., 1 + k]`` is 1 where lamp k shines.
+    """
+
+    z: np.float32
+    look: Floats
+    light: Floats
+    origin: Floats
+    cell: np.float32
 
 
 class Surface(NamedTuple):
@@ -76,7 +85,8 @@ def aim(corners, pixels, offsets, rotation, centre, bounds, rays, towards_part):
             y = _bilinear(corners, row, column, row + 1, column + 1, 1, u, v)
             for k in range(3):
                 rays[at, k] = rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2]
-            if _meets_box(centre, rays[at], bounds):
+            dx, dy, dz = rays[at, 0], rays[at, 1], rays[at, 2]
+            if _meets_box(centre[0], centre[1], centre[2], dx, dy, dz, bounds):
                 towards_part[count] = at
                 count += 1
             at += 1
@@ -84,88 +94,100 @@ def aim(corners, pixels, offsets, rotation, centre, bounds, rays, towards_part):
 
 
 @njit(cache=True)
-def locate_table(rays, centre, around, surface, radiance):  # type: ignore[no-untyped-def]
+def locate_table(rays, centre, table, ambient, surface, radiance):  # type: ignore[no-untyped-def]
     """Let every ray meet the table, or nothing; writes `surface` and the ambient `radiance`."""
-    table_z = around.bounds[0, 2]
+    z, look, light, origin, cell = table
     for i in range(rays.shape[0]):
         if rays[i, 2] > -_FLAT:
             surface.looks[i, :] = 0
             surface.normals[i, :] = 0
             radiance[i] = 0
             continue
-        t = (table_z - centre[2]) / rays[i, 2]
-        surface.points[i, 0] = centre[0] + t * rays[i, 0]
-        surface.points[i, 1] = centre[1] + t * rays[i, 1]
-        surface.points[i, 2] = table_z
-        surface.normals[i, 0] = surface.normals[i, 1] = 0
-        surface.normals[i, 2] = 1
+        t = (z - centre[2]) / rays[i, 2]
+        x, y = centre[0] + t * rays[i, 0], centre[1] + t * rays[i, 1]
+        surface.points[i, 0], surface.points[i, 1], surface.points[i, 2] = x, y, z
+        surface.normals[i, 0], surface.normals[i, 1], surface.normals[i, 2] = 0, 0, 1
         for k in range(3):
-            surface.looks[i, k] = around.looks[0, k]
-        sky = _table_sky(surface.points[i, 0], surface.points[i, 1], around)
-        radiance[i] = around.ambient * surface.looks[i, 0] * sky
+            surface.looks[i, k] = look[k]
+        u, v = (x - origin[0]) / cell, (y - origin[1]) / cell
+        sky = _on_map(light, u, v, 0) if _within(light, u, v) else np.float32(1)
+        radiance[i] = ambient * look[0] * sky
 
 
 @njit(cache=True)
-def locate_part(towards_part, triangle, u, v, around, surface, radiance):  # type: ignore[no-untyped-def]
+def locate_part(towards_part, triangle, u, v, part, ambient, surface, radiance):  # type: ignore[no-untyped-def]
     """Put the points where rays met the part in place of those on the table."""
+    vertices, normals, open_sky, triangles, materials, looks, grain = part
     p, e1, e2, n = np.zeros((4, 3), np.float32)
     for j in range(towards_part.size):
         if triangle[j] < 0:
             continue
         i, face = towards_part[j], triangle[j]
-        a, b, c = around.triangles[face]
+        a, b, c = triangles[face, 0], triangles[face, 1], triangles[face, 2]
         w = 1 - u[j] - v[j]
         for k in range(3):
-            e1[k] = around.vertices[b, k] - around.vertices[a, k]
-            e2[k] = around.vertices[c, k] - around.vertices[a, k]
-            p[k] = around.vertices[a, k] + u[j] * e1[k] + v[j] * e2[k]
-            n[k] = w * around.normals[a, k] + u[j] * around.normals[b, k]
-            n[k] += v[j] * around.normals[c, k]
-        look = around.looks[around.materials[face]]
-        mottle = _roughen(p, n, look, around.grain)
+            e1[k] = vertices[b, k] - vertices[a, k]
+            e2[k] = vertices[c, k] - vertices[a, k]
+            p[k] = vertices[a, k] + u[j] * e1[k] + v[j] * e2[k]
+            n[k] = w * normals[a, k] + u[j] * normals[b, k] + v[j] * normals[c, k]
+        look = looks[materials[face]]
+        mottle = _roughen(p, n, look, grain)
         _lift(p, e1, e2)
         for k in range(3):
             surface.points[i, k], surface.normals[i, k] = p[k], n[k]
             surface.looks[i, k] = look[k]
         surface.looks[i, 0] *= mottle
-        sky = w * around.sky[a] + u[j] * around.sky[b] + v[j] * around.sky[c]
-        radiance[i] = around.ambient * surface.looks[i, 0] * sky
+        sky = w * open_sky[a] + u[j] * open_sky[b] + v[j] * open_sky[c]
+        radiance[i] = ambient * surface.looks[i, 0] * sky
 
 
 @njit(cache=True)
-def aim_at_lamp(surface, lamp, bounds, origins, rays, asked):  # type: ignore[no-untyped-def]
-    """Rays from the lamp to where the part may shade it; returns how many.
+def aim_at_lamp(surface, lamp, place, bounds, table, lit, origins, rays, asked):  # type: ignore[no-untyped-def]
+    """Rays to the lamp from where the part may shade it; returns how many.
 
     Parameters
     ----------
     surface : Surface
     lamp : ndarray of shape (4,), float32
         Position and strength.
+    place : int
+        Of the lamp on the table's map of light.
     bounds : ndarray of shape (2, 3), float32
+    table : Table
+    lit : ndarray of shape (n_points,), float32
+        Written: 0 where the surface faces away, the map's value on the table, else 1.
     origins, rays : ndarray of shape (n_rays, 3), float32
         Written: a ray starts at the surface and reaches the lamp at 1.
     asked : ndarray of shape (n_rays,), int32
         Written: which points the rays belong to.
     """
-    count = 0
-    for i in range(surface.points.shape[0]):
-        cosine = np.float32(0)
-        for k in range(3):
-            rays[count, k] = lamp[k] - surface.points[i, k]
-            cosine += rays[count, k] * surface.normals[i, k]
-        if cosine > 0 and _meets_box(surface.points[i], rays[count], bounds):
-            for k in range(3):
-                origins[count, k] = surface.points[i, k]
+    z, _, light, origin, cell = table
+    points, normals, count = surface.points, surface.normals, 0
+    for i in range(points.shape[0]):
+        x, y = points[i, 0], points[i, 1]
+        dx, dy, dz = lamp[0] - x, lamp[1] - y, lamp[2] - points[i, 2]
+        lit[i] = 0
+        if dx * normals[i, 0] + dy * normals[i, 1] + dz * normals[i, 2] <= 0:
+            continue
+        lit[i] = 1
+        if points[i, 2] == z:
+            u, v = (x - origin[0]) / cell, (y - origin[1]) / cell
+            if _within(light, u, v):
+                lit[i] = _on_map(light, u, v, place)
+                continue
+        if _meets_box(x, y, points[i, 2], dx, dy, dz, bounds):
+            origins[count, 0], origins[count, 1], origins[count, 2] = x, y, points[i, 2]
+            rays[count, 0], rays[count, 1], rays[count, 2] = dx, dy, dz
             asked[count] = i
             count += 1
     return count
 
 
 @njit(cache=True)
-def add_light(surface, lamp, centre, shaded, radiance):  # type: ignore[no-untyped-def]
-    """Add to `radiance` what the lamp does to points that are not shaded: Lambert, Blinn-Phong."""
+def add_light(surface, lamp, centre, lit, radiance):  # type: ignore[no-untyped-def]
+    """Add to `radiance` what the lamp does to points that are lit: Lambert, Blinn-Phong."""
     for i in range(surface.points.shape[0]):
-        if shaded[i]:
+        if lit[i] == 0:
             continue
         nl = nv = l2 = v2 = lv = np.float32(0)
         for k in range(3):
@@ -177,15 +199,13 @@ def add_light(surface, lamp, centre, shaded, radiance):  # type: ignore[no-untyp
             l2 += to_lamp * to_lamp
             v2 += to_eye * to_eye
             lv += to_lamp * to_eye
-        if nl <= 0:
-            continue
         length, depth = np.sqrt(l2), np.sqrt(v2)
         nl, nv, lv = nl / length, nv / depth, lv / (length * depth)
         light = lamp[3] / l2 * surface.looks[i, 0] * nl
         if surface.looks[i, 1] > 0:
             halfway = (nl + nv) / np.sqrt(2 + 2 * lv)
             light += lamp[3] / l2 * surface.looks[i, 1] * nl * halfway ** surface.looks[i, 2]
-        radiance[i] += light
+        radiance[i] += lit[i] * light
 
 
 @njit(cache=True)
@@ -209,36 +229,38 @@ def rough_pixels(radiance, contrast):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _meets_box(o, d, bounds):  # type: ignore[no-untyped-def]
-    """Whether the ray from o along d meets the box."""
-    near, far = np.float32(0), np.float32(np.inf)
-    for k in range(3):
-        if d[k] == 0:
-            if o[k] < bounds[0, k] or o[k] > bounds[1, k]:
-                return False
-        else:
-            inverse = 1 / d[k]
-            a, b = (bounds[0, k] - o[k]) * inverse, (bounds[1, k] - o[k]) * inverse
-            near, far = max(near, min(a, b)), min(far, max(a, b))
+def _meets_box(x, y, z, dx, dy, dz, bounds):  # type: ignore[no-untyped-def]
+    """Whether the ray from (x, y, z) along (dx, dy, dz) meets the box."""
+    near, far = _clip(np.float32(0), np.float32(np.inf), x, dx, bounds[0, 0], bounds[1, 0])
+    near, far = _clip(near, far, y, dy, bounds[0, 1], bounds[1, 1])
+    near, far = _clip(near, far, z, dz, bounds[0, 2], bounds[1, 2])
     return near <= far
+
+
+@njit(cache=True)
+def _clip(near, far, o, d, low, high):  # type: ignore[no-untyped-def]
+    """The part of a ray's [near, far] in which it lies between low and high along an axis."""
+    if d == 0:
+        return (near, far) if low <= o <= high else (np.float32(1), np.float32(0))
+    a, b = (low - o) / d, (high - o) / d
+    return max(near, min(a, b)), min(far, max(a, b))
+
+
+@njit(cache=True)
+def _within(grid, u, v):  # type: ignore[no-untyped-def]
+    return 0 <= u < grid.shape[1] - 1 and 0 <= v < grid.shape[0] - 1
+
+
+@njit(cache=True)
+def _on_map(grid, u, v, k):  # type: ignore[no-untyped-def]
+    column, row = np.int32(u), np.int32(v)
+    return _bilinear(grid, row, column, row + 1, column + 1, k, u - column, v - row)
 
 
 @njit(cache=True)
 def _bilinear(grid, row, column, below, right, k, u, v):  # type: ignore[no-untyped-def]
     top = grid[row, column, k] * (1 - u) + grid[row, right, k] * u
     return top * (1 - v) + (grid[below, column, k] * (1 - u) + grid[below, right, k] * u) * v
-
-
-@njit(cache=True)
-def _table_sky(x, y, around):  # type: ignore[no-untyped-def]
-    """Share of the ambient light at a point of the table; all of it far from the part."""
-    n_y, n_x = around.table_sky.shape[:2]
-    u = (x - around.table_origin[0]) / around.table_cell
-    v = (y - around.table_origin[1]) / around.table_cell
-    if not (0 <= u < n_x - 1 and 0 <= v < n_y - 1):
-        return np.float32(1)
-    c, r = np.int32(u), np.int32(v)
-    return _bilinear(around.table_sky, r, c, r + 1, c + 1, 0, u - c, v - r)
 
 
 @njit(cache=True)

@@ -27,7 +27,9 @@ def box(x: Range, y: Range, z: Range) -> Manifold:
 def rod(x: float, y: float, z: Range, radius: float, top_radius: float | None = None) -> Manifold:
     """A cylinder, or cone, standing upright."""
     top = radius if top_radius is None else top_radius
-    return Manifold.cylinder(z[1] - z[0], radius, top, _sides(max(radius, top))).translate([x, y, z[0]])
+    return Manifold.cylinder(z[1] - z[0], radius, top, _sides(max(radius, top))).translate(
+        [x, y, z[0]]
+    )
 
 
 def bar(x: float, y: Range, z: float, radius: float, squash: float = 1.0) -> Manifold:

@@ -1,0 +1,106 @@
+"""A camera that flies: it goes where it is told, but for the error that a robot would make."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from servoscope.errors import InvalidInputError
+from servoscope.poses import rigid_transform
+from servoscope.scene.render import render
+from servoscope.scene.scene import T_WORLD_REF, Scene
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Repeatability:
+    """How far from where it was sent a robot comes to rest.
+
+    Parameters
+    ----------
+    position : float
+        Standard deviation along each axis, [m].
+    rotation : float
+        Standard deviation about each axis, [rad].
+
+    Raises
+    ------
+    InvalidInputError
+        If either is negative or not finite.
+    """
+
+    position: float = 0.0
+    rotation: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("position", "rotation"):
+            value = getattr(self, name)
+            if not 0 <= value < np.inf:
+                raise InvalidInputError(f"{name} must be finite and not negative, got {value}.")
+
+    def disturb(self, T_world_cam: ArrayLike, rng: np.random.Generator) -> Array:
+        """The pose that is reached when `T_world_cam` is commanded."""
+        error = rng.standard_normal(6)
+        rotation = Rotation.from_rotvec(self.rotation * error[3:]).as_matrix()
+        return np.asarray(T_world_cam) @ rigid_transform(rotation, self.position * error[:3])
+
+
+class FreeCamera:
+    """The camera of a simulated cell, moved freely.
+
+    Parameters
+    ----------
+    scene : Scene
+    T_world_cam : array of shape (4, 4)
+        Where it starts, exactly.
+    repeatability : Repeatability
+    rng : Generator, optional
+        Draws the errors of motion and the noise of the sensor; without it there are none.
+
+    Examples
+    --------
+    >>> camera = FreeCamera(Scene(image_size=32))
+    >>> camera.move(rigid_transform(np.eye(3), [0.0, 0.0, 0.1]))
+    >>> round(float(camera.pose[2, 3]), 3), camera.read().shape
+    (0.45, (32, 32))
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        T_world_cam: ArrayLike = T_WORLD_REF,
+        repeatability: Repeatability | None = None,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        self.scene = scene
+        self.repeatability = Repeatability() if repeatability is None else repeatability
+        self.rng = rng
+        self._commanded = self._reached = np.array(T_world_cam, dtype=float)
+
+    @property
+    def pose(self) -> Array:
+        """``T_world_cam`` as the robot believes it, (4, 4), [m]: where it was last sent."""
+        return self._commanded.copy()
+
+    @property
+    def true_pose(self) -> Array:
+        """``T_world_cam`` as it is, (4, 4), [m]: what a simulation knows and a robot does not."""
+        return self._reached.copy()
+
+    def move(self, displacement: ArrayLike) -> None:
+        """Move by a displacement (4, 4) in the camera's own frame, [m]."""
+        self.move_to(self._commanded @ np.asarray(displacement))
+
+    def move_to(self, T_world_cam: ArrayLike) -> None:
+        """Move to a pose (4, 4), [m]."""
+        self._commanded = self._reached = np.array(T_world_cam, dtype=float)
+        if self.rng is not None:
+            self._reached = self.repeatability.disturb(self._commanded, self.rng)
+
+    def read(self) -> NDArray[np.uint8]:
+        """The image from where the camera is, (image_size, image_size)."""
+        return render(self.scene, self._reached, self.rng)
