@@ -1,0 +1,153 @@
+"""What the page tells, as plain values for the template."""
+
+from __future__ import annotations
+
+import base64
+import platform
+import shlex
+from importlib.metadata import version
+from typing import Any
+
+from servoscope import __version__
+from servoscope.poses import DOFS
+from servoscope.report.agreement import compare_with_paper, is_simulated, mean_rms
+from servoscope.report.figures.catalogue import FigureFile
+from servoscope.report.names import DOF_LABELS, DOF_UNITS, FORM_NAMES, PROTOCOL_NAMES
+from servoscope.report.reasons import explain_differences
+from servoscope.report.run_data import RunData, Unit
+from servoscope.report.tables import (
+    information_table,
+    ranking_table,
+    rms_table,
+    subset_table,
+)
+from servoscope.report.verdict import describe_accuracy
+
+FIGURE_KINDS = ("eigenvectors", "pci", "covariance", "filtered", "lfa", "best", "plane", "sweep")
+
+
+def collect_facts(run: RunData, files: list[FigureFile]) -> dict[str, Any]:
+    """Everything the template needs, from a run and its drawn figures."""
+    figures = {file.name: describe_figure(file) for file in files}
+    units = [describe_unit(unit, figures) for unit in run.units]
+    return {
+        "title": f"Study of {run.summary['dataset']['source'].get('kind', 'a data set')}",
+        "data": describe_data(run),
+        "verdict": describe_accuracy(run.units[0]),
+        "reference": figures["reference"],
+        "slices": figures["slices"],
+        "overview": figures["overview"],
+        "first": units[0],
+        "units": units,
+        "simulated": is_simulated(run.summary),
+        "findings": compare_with_paper(run.summary),
+        "reasons": explain_differences(run.summary),
+        "timings": describe_timings(run.summary["timings_s"]),
+        "settings": flatten(run.settings),
+        "source": flatten(run.summary["dataset"]["source"]),
+        "versions": describe_versions(run),
+        "command": describe_command(run.settings),
+        "dofs": [DOF_LABELS[dof] for dof in DOFS],
+        "dof_units": [DOF_UNITS[dof] for dof in DOFS],
+    }
+
+
+def describe_figure(file: FigureFile) -> dict[str, Any]:
+    """A figure with its pixels in the page itself."""
+    data = base64.b64encode(file.png).decode("ascii")
+    return {
+        "uri": f"data:image/png;base64,{data}",
+        "width": file.width,
+        "height": file.height,
+        "caption": file.caption,
+    }
+
+
+def describe_unit(unit: Unit, figures: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """The tables and figures of one protocol and displacement form."""
+    return {
+        "key": unit.key.replace("_", "-"),
+        "protocol": unit.protocol,
+        "displacement": unit.displacement,
+        "title": f"{PROTOCOL_NAMES[unit.protocol]}, displacement {FORM_NAMES[unit.displacement]}",
+        "ranges": [unit.results["ranges"][dof] for dof in DOFS],
+        "null_level": unit.results["mi_null_level"],
+        "table1": rms_table(unit.results),
+        "table2": ranking_table(unit.results),
+        "table3": subset_table(unit.results),
+        "mean_selected": mean_rms(unit.results["table3"]),
+        "mi": information_table(unit.results),
+        "figures": [figures[f"{unit.key}_{kind}"] for kind in FIGURE_KINDS],
+    }
+
+
+def describe_data(run: RunData) -> dict[str, Any]:
+    """What was studied."""
+    dataset = run.summary["dataset"]
+    height, width = dataset["image_shape"]
+    return {
+        "name": dataset["source"].get("kind", "data set"),
+        "n_images": dataset["n_images"],
+        "size": f"{width} × {height} px",
+        "pivot_mm": dataset["pivot_mm"],
+        "split": "by blocks of time" if dataset["split"] == "blocks" else "at random",
+        "n_bins": run.settings.get("n_bins"),
+    }
+
+
+def describe_timings(timings: dict[str, float]) -> list[tuple[str, float]]:
+    """Stages with their seconds, the total last."""
+    stages = [(name.replace("_", " "), float(s)) for name, s in timings.items() if name != "total"]
+    return [*stages, ("total", float(timings["total"]))]
+
+
+def describe_versions(run: RunData) -> list[tuple[str, str]]:
+    """What wrote the run, and what wrote the page."""
+    packages = ("numpy", "scipy", "scikit-learn", "matplotlib")
+    return [
+        ("servoscope, the run", str(run.summary.get("servoscope", "unknown"))),
+        ("servoscope, this page", __version__),
+        ("Python", platform.python_version()),
+        *((package, version(package)) for package in packages),
+    ]
+
+
+def describe_command(settings: dict[str, Any]) -> str | None:
+    """The command line that makes the run again, if a command made it."""
+    options: dict[str, Any] = {"seed": settings.get("seed", 0)}
+    acquisition = settings.get("acquisition", {})
+    if settings.get("command") == "study":
+        words = ["servoscope", "study"]
+        options |= {f"n-{k}" if k == "images" else k: v for k, v in _images(acquisition).items()}
+    elif settings.get("command") == "assess":
+        words = ["servoscope", "assess", str(settings.get("dataset"))]
+    else:
+        return None
+    protocols = settings.get("protocols", [])
+    options["protocol"] = protocols[0] if len(protocols) == 1 else "both"
+    for option, value in options.items():
+        words += [f"--{option}", str(value)]
+    return shlex.join(words)
+
+
+def flatten(values: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """Nested settings as rows of a table.
+
+    Examples
+    --------
+    >>> flatten({"seed": 0, "camera": {"width": 64}})
+    [('seed', '0'), ('camera.width', '64')]
+    """
+    rows: list[tuple[str, str]] = []
+    for key, value in values.items():
+        if isinstance(value, dict):
+            rows += flatten(value, f"{prefix}{key}.")
+        elif isinstance(value, list):
+            rows.append((f"{prefix}{key}", ", ".join(map(str, value))))
+        else:
+            rows.append((f"{prefix}{key}", str(value)))
+    return rows
+
+
+def _images(acquisition: dict[str, Any]) -> dict[str, Any]:
+    return {"images": acquisition.get("n_images"), "image-size": acquisition.get("image_size")}

@@ -1,0 +1,106 @@
+"""What stands under each kind of figure, and what is read aloud in its place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Caption:
+    """Words of a figure.
+
+    Parameters
+    ----------
+    title : str
+    text : str
+        What one sees.
+    alt : str
+        What a reader who cannot see it is told.
+    paper_figure : int, optional
+        The figure of the paper that it is the counterpart of.
+    """
+
+    title: str
+    text: str
+    alt: str
+    paper_figure: int | None = None
+
+
+SIGNED = "Pale is positive, dark negative, middle grey zero; each panel has its own scale."
+
+CAPTIONS = {
+    "reference": Caption(
+        "Reference image",
+        "The view that the camera is to return to.",
+        "The reference image, in grey.",
+    ),
+    "overview": Caption(
+        "Overview",
+        "The reference image, its slices, and the errors of every family.",
+        "The reference image and its slices beside a chart of RMS errors by degree of freedom.",
+    ),
+    "slices": Caption(
+        "Reference image and intensity slices",
+        "The pixels of each interval of grey levels, stretched to show their differences; all "
+        "others are white. The geometric moments are taken of each slice.",
+        "The reference image and the parts of it that fall in three intervals of grey levels.",
+        3,
+    ),
+    "eigenvectors": Caption(
+        "First twelve eigenvectors of the training images",
+        f"In order of variance. {SIGNED} They do not depend on the form of the displacement.",
+        "Twelve signed pictures, from broad patterns to finer ones.",
+        4,
+    ),
+    "pci": Caption(
+        "Pose-image covariance vectors",
+        f"How each pixel varies with each degree of freedom. {SIGNED}",
+        "Six signed pictures, one for each degree of freedom.",
+        5,
+    ),
+    "covariance": Caption(
+        "Pose-LFA covariance, from 85 eigenvectors",
+        "Covariance of the output of the receptive field at each pixel with each degree of "
+        f"freedom. {SIGNED}",
+        "Six signed pictures of fine structure, one for each degree of freedom.",
+        6,
+    ),
+    "filtered": Caption(
+        "Pose-LFA covariance, filtered, with the chosen locations",
+        "Magnitude of the covariance gathered by a 12 x 12 centre-weighted mask; bright is much. "
+        "Crosses mark the twelve receptive fields chosen for each degree of freedom.",
+        "Six grey pictures with twelve crosses each, on their brightest spots.",
+        7,
+    ),
+    "lfa": Caption(
+        "First receptive field chosen for each degree of freedom",
+        f"Its weight at each pixel. {SIGNED}",
+        "Six signed pictures, each with one strong spot.",
+        8,
+    ),
+    "best": Caption(
+        "Each degree of freedom against the feature selected first for it",
+        "One dot an image. A narrow band means that this feature alone nearly tells the "
+        "displacement; a cloud, that it does not.",
+        "Six scatter plots of a displacement against a feature.",
+        9,
+    ),
+    "plane": Caption(
+        "Selection plane at step 4",
+        "Each candidate by its information about the degree of freedom (up) and the sum of its "
+        "information about the three features selected before (right). Curves join equal "
+        "distances to the ideal point, on the left edge at the height of the best candidate; the "
+        "nearest is circled and named. Circles are moments, squares eigenfeatures, triangles PCI.",
+        "Six scatter plots of candidates with contours around the ideal point at the top left.",
+        10,
+    ),
+    "sweep": Caption(
+        "RMS error against the threshold of mutual information",
+        "The number at each marker counts the ranked features whose information is above the "
+        "threshold. Left axis: share of the range; right axis: mm or degrees. Solid: test images; "
+        "dashed, where there is such a curve: validation images, which decide. Dotted line: the "
+        "least error published.",
+        "Six line charts of error against threshold.",
+        11,
+    ),
+}

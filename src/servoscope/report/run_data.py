@@ -1,0 +1,150 @@
+"""A finished run folder, read and checked."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.errors import RunFolderError
+from servoscope.poses import DOFS
+from servoscope.study.paper import FAMILIES
+from servoscope.study.run_folder import VERSION, read_json, read_settings
+
+Arrays = dict[str, NDArray[Any]]
+
+RESULTS = (
+    "table1 table2 table3 mi mi_null_level ranking sweep stability ranges".split()  # noqa: SIM905
+)
+"""What a summary tells for each protocol and displacement form."""
+
+PICTURES = ("eigenvectors", "pci", "covariance", "filtered", "lfa", "locations")
+"""The arrays of ``vectors/{protocol}_{displacement}.npz``."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One protocol and displacement form of a run, and what the study found for it.
+
+    Parameters
+    ----------
+    protocol : {"paper", "honest"}
+    displacement : {"pivot", "camera"}
+    results : dict
+        As `servoscope.study.summary.summarise` returns it.
+    """
+
+    protocol: str
+    displacement: str
+    results: dict[str, Any]
+
+    @property
+    def key(self) -> str:
+        """The name of its arrays and files."""
+        return f"{self.protocol}_{self.displacement}"
+
+
+@dataclass(frozen=True, eq=False)
+class RunData:
+    """What a finished run folder holds.
+
+    Parameters
+    ----------
+    path : Path
+    settings, summary : dict
+        Of ``config.json``, and ``summary.json``.
+    features, selection : dict of ndarray
+        The arrays of ``features.npz`` and ``selection.npz``.
+    pictures : dict
+        The arrays of ``vectors/``, by the key of the unit.
+    """
+
+    path: Path
+    settings: dict[str, Any]
+    summary: dict[str, Any]
+    features: Arrays
+    selection: Arrays
+    pictures: dict[str, Arrays]
+
+    @property
+    def units(self) -> list[Unit]:
+        """The protocols and forms that were run, the honest protocol and the pivot form first."""
+        return list_units(self.summary)
+
+
+def list_units(summary: dict[str, Any]) -> list[Unit]:
+    """The protocols and forms of a summary, the honest protocol and the pivot form first."""
+    return [
+        Unit(protocol, displacement, summary["protocols"][protocol][displacement])
+        for protocol in sorted(summary["protocols"])
+        for displacement in sorted(summary["protocols"][protocol], reverse=True)
+    ]
+
+
+def read_run(path: Path) -> RunData:
+    """Read a finished run folder.
+
+    Raises
+    ------
+    RunFolderError
+        If it is not a run folder, not finished, damaged, or was written by another version.
+    """
+    settings = read_settings(path)
+    if not (path / "summary.json").exists():
+        raise RunFolderError(
+            f"{path} is not finished: it has no summary.json; go on with --resume."
+        )
+    summary = read_json(path / "summary.json")
+    _check_summary(path / "summary.json", summary)
+    keys = [unit.key for unit in list_units(summary)]
+    forms = sorted({unit.displacement for unit in list_units(summary)})
+    expected = ["names", "reference_image", *keys, *(f"delta_p_{form}" for form in forms)]
+    selection = [f"{key}_{dof}" for key in keys for dof in DOFS]
+    return RunData(
+        path=path,
+        settings=settings,
+        summary=summary,
+        features=_read_arrays(path / "features.npz", expected),
+        selection=_read_arrays(path / "selection.npz", selection),
+        pictures={key: _read_arrays(path / "vectors" / f"{key}.npz", PICTURES) for key in keys},
+    )
+
+
+def _check_summary(path: Path, summary: dict[str, Any]) -> None:
+    if summary.get("version") != VERSION:
+        raise RunFolderError(
+            f"{path} is of version {summary.get('version')!r}, this servoscope reads version "
+            f"{VERSION}; make the run again with --force."
+        )
+    try:
+        for key in ("n_images", "image_shape", "pivot_mm", "split", "source"):
+            summary["dataset"][key]
+        float(summary["timings_s"]["total"])
+        units = list_units(summary)
+        for unit in units:
+            for key in RESULTS:
+                unit.results[key]
+            for row in (*(unit.results["table1"][f] for f in FAMILIES), unit.results["table3"]):
+                for dof in DOFS:
+                    float(row[dof]["rms"])
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise _damaged(path, f"{type(error).__name__}: {error}") from error
+    if not units:
+        raise _damaged(path, "it holds no protocol")
+
+
+def _read_arrays(path: Path, expected: list[str] | tuple[str, ...]) -> Arrays:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in expected}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise _damaged(path, str(error).strip("'\"")) from error
+
+
+def _damaged(path: Path, reason: str) -> RunFolderError:
+    reason = " ".join(reason.split())
+    return RunFolderError(f"{path} is damaged ({reason}); make the run again with --force.")

@@ -1,0 +1,112 @@
+"""The rows of the report's tables, beside the published numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from servoscope.poses import DOFS
+from servoscope.report.agreement import mean_rms
+from servoscope.report.names import DOF_LABELS, FAMILY_NAMES, feature_family
+from servoscope.study.paper import FAMILIES, FAMILY_TITLES, TABLE1, TABLE3, table2
+
+FAMILY_MARKS = {"gm": "●", "pca": "□", "pci": "▲"}
+"""Stand before the names of features, so that families differ without colour too."""
+
+
+def rms_table(results: dict[str, Any]) -> list[dict[str, Any]]:
+    """Table I: one row a family, then the selected features, then the mean as only answer.
+
+    Each row has its ``title`` and ``name``, ``cells`` (``rms``, ``physical``, ``published``) in
+    `DOFS` order, and the same for their ``mean``.
+    """
+    rows = [
+        _rms_row(FAMILY_TITLES[f], FAMILY_NAMES[f], results["table1"][f], TABLE1[f])
+        for f in FAMILIES
+    ]
+    published = {dof: float(TABLE3[dof]["rms"]) for dof in DOFS}
+    selected = _rms_row("Selected", "minimum subsets, Table III", results["table3"], published)
+    baseline = _rms_row("Baseline", "always answering the mean", results["baseline"], None)
+    best = [min(row["cells"][i]["rms"] for row in rows) for i in range(len(DOFS))]
+    for row in rows:
+        for cell, least in zip(row["cells"], best, strict=True):
+            cell["best"] = cell["rms"] == least
+    return [*rows, selected, baseline]
+
+
+def ranking_table(results: dict[str, Any]) -> list[list[dict[str, Any]]]:
+    """Table II: one row a step; in each, by dof, the feature and the published one.
+
+    ``shared`` tells that the feature is among the published 24 of that dof, ``published_shared``
+    that the published one is among those of this run.
+    """
+    ours = {dof: results["table2"][dof] for dof in DOFS}
+    theirs = {dof: table2(dof) for dof in DOFS}
+    n_steps = max(map(len, ours.values()))
+    return [
+        [_ranking_cell(ours[dof], theirs[dof], step) for dof in DOFS] for step in range(n_steps)
+    ]
+
+
+def subset_table(results: dict[str, Any]) -> list[dict[str, Any]]:
+    """Table III: one row a dof."""
+    return [
+        {
+            **results["table3"][dof],
+            "dof": DOF_LABELS[dof],
+            "features": [_feature(name) for name in results["table3"][dof]["features"]],
+            "published_rms": TABLE3[dof]["rms"],
+            "published_n": TABLE3[dof]["n_features"],
+        }
+        for dof in DOFS
+    ]
+
+
+def information_table(results: dict[str, Any]) -> list[dict[str, Any]]:
+    """Mutual information: one row a candidate, in bits; ``strong`` marks the best of each dof."""
+    rows = results["mi"]
+    best = {dof: max(row[dof] for row in rows.values()) for dof in DOFS}
+    return [
+        {
+            **_feature(name),
+            "cells": [{"bits": row[dof], "best": row[dof] == best[dof]} for dof in DOFS],
+        }
+        for name, row in rows.items()
+    ]
+
+
+def _rms_row(
+    title: str, name: str, row: dict[str, dict[str, Any]], published: dict[str, float] | None
+) -> dict[str, Any]:
+    cells = [
+        {
+            "rms": row[dof]["rms"],
+            "physical": row[dof]["physical"],
+            "unit": row[dof]["unit"],
+            "published": published[dof] if published else None,
+            "best": False,
+        }
+        for dof in DOFS
+    ]
+    mean = {
+        "rms": mean_rms(row),
+        "published": float(np.mean(list(published.values()))) if published else None,
+    }
+    return {"title": title, "name": name, "cells": cells, "mean": mean}
+
+
+def _ranking_cell(ours: list[str], theirs: list[str], step: int) -> dict[str, Any]:
+    name = ours[step] if step < len(ours) else None
+    published = theirs[step] if step < len(theirs) else None
+    return {
+        "ours": None if name is None else {**_feature(name), "shared": name in theirs},
+        "published": None
+        if published is None
+        else {**_feature(published), "shared": published in ours},
+    }
+
+
+def _feature(name: str) -> dict[str, str]:
+    family = feature_family(name)
+    return {"name": name, "family": family, "mark": FAMILY_MARKS[family]}

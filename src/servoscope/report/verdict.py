@@ -1,0 +1,69 @@
+"""How accurate a study found the camera to be, in plain words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from servoscope.poses import DOFS
+from servoscope.report.agreement import mean_rms
+from servoscope.report.names import DOF_LABELS, listing
+from servoscope.report.run_data import Unit
+from servoscope.study.paper import FAMILIES, FAMILY_TITLES
+
+WELL, ROUGHLY = 0.25, 0.6
+"""Shares of the baseline error below which a degree of freedom counts as told well, or roughly."""
+
+
+def describe_accuracy(unit: Unit) -> list[str]:
+    """Sentences on what the selected features and the best family reach."""
+    results = unit.results
+    grades: dict[str, list[str]] = {"well": [], "roughly": [], "hardly": [], "still": []}
+    for dof in DOFS:
+        grades[_grade(results["table3"][dof], results["baseline"][dof])].append(dof)
+    sentences = {
+        "well": "{} told well from one image",
+        "roughly": "{} told roughly",
+        "hardly": "{} hardly told",
+        "still": "{} never moved",
+    }
+    parts = [
+        sentences[grade].format(_subject(dofs, results, grade))
+        for grade, dofs in grades.items()
+        if dofs
+    ]
+    text = "; ".join(parts)
+    return [f"{text[0].upper()}{text[1:]}.", _best_family(results), _meaning(unit)]
+
+
+def _grade(error: dict[str, Any], baseline: dict[str, Any]) -> str:
+    if baseline["rms"] <= 1e-9:
+        return "still"
+    share = error["rms"] / baseline["rms"]
+    return "well" if share <= WELL else "roughly" if share <= ROUGHLY else "hardly"
+
+
+def _subject(dofs: list[str], results: dict[str, Any], grade: str) -> str:
+    if grade == "still":
+        return listing([DOF_LABELS[dof] for dof in dofs])
+    errors = [
+        f"{DOF_LABELS[dof]} (to {cell['physical']:.2g} {cell['unit']})"
+        for dof, cell in ((dof, results["table3"][dof]) for dof in dofs)
+    ]
+    return f"{listing(errors)} {'is' if len(dofs) == 1 else 'are'}"
+
+
+def _best_family(results: dict[str, Any]) -> str:
+    means = {family: mean_rms(results["table1"][family]) for family in FAMILIES}
+    best = min(means, key=means.__getitem__)
+    selected, baseline = mean_rms(results["table3"]), mean_rms(results["baseline"])
+    return (
+        f"The best family by itself is {FAMILY_TITLES[best]}, with a mean RMS error of "
+        f"{means[best]:.3f} of the range; the subsets selected by mutual information reach "
+        f"{selected:.3f}, and always answering the mean {baseline:.3f}."
+    )
+
+
+def _meaning(unit: Unit) -> str:
+    if unit.protocol == "honest":
+        return "Errors are of test images that had no part in training or in any decision."
+    return "Errors are of test images that also decided when training stops, as published."
