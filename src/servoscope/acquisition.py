@@ -152,10 +152,11 @@ def acquire(
 def _begin(folder: Folder, plan: dict[str, Any], config: AcquisitionConfig) -> int | None:
     """The first image that is missing from the folder, or None if none is."""
     progress = dataset_folder.read_progress(folder)
-    if progress is not None and progress[0] == plan:
-        if progress[1]:
-            return progress[1]
+    if progress == (plan, 0):  # it may have stopped before the stack was made
         dataset_folder.remove(folder)
+        progress = None
+    if progress is not None and progress[0] == plan:
+        return progress[1]
     if dataset_folder.is_finished(folder):
         if dataset_folder.read_meta(folder)["source"] == plan:
             return None

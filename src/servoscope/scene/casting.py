@@ -19,7 +19,7 @@ from servoscope.scene.solids import (
     union,
 )
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 STOCK = 3.0
 """What the face mill takes off the deck, [mm]."""

@@ -74,7 +74,7 @@ def map_table_light(geometry: Geometry, lamps: Floats) -> tuple[Floats, Floats]:
         The first of those points, [m].
     """
     coarse, fine = (_table_points(geometry.mesh.bounds, cell) for cell in (SKY_CELL, LAMP_CELL))
-    up = np.broadcast_to(np.float32([0, 0, 1]), coarse.shape)
+    up = np.broadcast_to(np.array([0, 0, 1], np.float32), coarse.shape)
     sky = _sky(geometry.tree, coarse.reshape(-1, 3), up.reshape(-1, 3)).reshape(coarse.shape[:2])
     light = np.ones((*fine.shape[:2], 1 + len(lamps)), np.float32)
     light[..., 0] = cv2.resize(sky, light.shape[1::-1], interpolation=cv2.INTER_LINEAR)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from servoscope.scene.casting import BOLT_Y, STOCK
 from servoscope.scene.solids import bar, box, rod, union
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 _RIDGE, _EAVES = 13.0, 36.0
 """Depth of a pent roof below the deck, and where its slopes reach the deck, [mm]."""

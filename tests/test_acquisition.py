@@ -1,0 +1,181 @@
+"""An acquisition gives the same images however it is split, interrupted or repeated."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from servoscope import dataset_folder
+from servoscope.acquisition import AcquisitionConfig, acquire
+from servoscope.dataset import PoseImageSet
+from servoscope.errors import FolderExistsError, InvalidInputError
+
+CONFIG = AcquisitionConfig(n_images=60, image_size=16, seed=3)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> PoseImageSet:
+    """What an undisturbed acquisition in one process gives."""
+    return acquire(tmp_path_factory.mktemp("whole"), CONFIG, n_jobs=1)
+
+
+def _assert_same(a: PoseImageSet, b: PoseImageSet) -> None:
+    np.testing.assert_array_equal(a.images, b.images)
+    np.testing.assert_array_equal(a.T_world_cam, b.T_world_cam)
+    np.testing.assert_array_equal(a.reference_image, b.reference_image)
+    assert a.source == b.source
+
+
+def _interrupt(*_: object, **__: object) -> None:
+    raise KeyboardInterrupt
+
+
+def _content(folder: Path) -> dict[str, tuple[int, bytes]]:
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {str(path): (path.stat().st_mtime_ns, path.read_bytes()) for path in files}
+
+
+def test_displacements_are_drawn_evenly_over_the_stated_ranges(whole: PoseImageSet) -> None:
+    from scipy.stats import kstest
+
+    config = AcquisitionConfig(n_images=2000)
+    many = PoseImageSet(
+        np.zeros((2000, 1, 1), np.uint8),
+        config.poses(),
+        whole.T_world_ref,
+        np.zeros((1, 1), np.uint8),
+        pivot=0.55,
+    )
+    scaled = many.delta_p() / ([0.025] * 3 + [np.radians(15)] * 3)
+    assert np.abs(scaled).max() <= 1 + 1e-9
+    assert all(kstest(column, "uniform", (-1, 2)).pvalue > 1e-3 for column in scaled.T)
+
+
+def test_stored_poses_are_the_commanded_ones(whole: PoseImageSet) -> None:
+    np.testing.assert_allclose(whole.T_world_cam, CONFIG.poses(), atol=1e-12)
+    assert (np.abs(whole.delta_p()) <= whole.ranges() + 1e-9).all()
+    np.testing.assert_allclose(whole.ranges("camera")[:2], 0.1673, atol=1e-4)
+
+
+def test_images_differ_by_pose_and_noise(whole: PoseImageSet) -> None:
+    assert whole.images.shape == (60, 16, 16)
+    assert len(np.unique(whole.images.reshape(60, -1), axis=0)) == 60
+
+
+@pytest.mark.slow
+def test_two_processes_give_the_images_of_one(tmp_path: Path, whole: PoseImageSet) -> None:
+    _assert_same(acquire(tmp_path, CONFIG, n_jobs=2), whole)
+
+
+def test_more_images_begin_with_the_same_ones(tmp_path: Path, whole: PoseImageSet) -> None:
+    fewer = acquire(tmp_path, AcquisitionConfig(n_images=7, image_size=16, seed=3), n_jobs=1)
+    np.testing.assert_array_equal(fewer.images, whole.images[:7])
+    np.testing.assert_allclose(fewer.T_world_cam, whole.T_world_cam[:7], atol=1e-12)
+    np.testing.assert_array_equal(fewer.reference_image, whole.reference_image)
+
+
+def test_another_seed_gives_other_poses() -> None:
+    assert (AcquisitionConfig(seed=1).poses() != AcquisitionConfig(seed=2).poses()).any()
+
+
+def test_progress_counts_the_images(tmp_path: Path) -> None:
+    counts: list[int] = []
+    acquire(tmp_path, CONFIG, n_jobs=1, on_progress=counts.append)
+    assert counts == [25, 50, 60]
+
+
+@pytest.mark.parametrize("at", [25, 50, 60])
+def test_an_interrupted_acquisition_goes_on_where_it_stopped(
+    tmp_path: Path, whole: PoseImageSet, at: int
+) -> None:
+    def stop(n_done: int) -> None:
+        if n_done == at:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        acquire(tmp_path, CONFIG, n_jobs=1, on_progress=stop)
+    assert not dataset_folder.is_finished(tmp_path)
+    counts: list[int] = []
+    _assert_same(acquire(tmp_path, CONFIG, n_jobs=1, on_progress=counts.append), whole)
+    assert counts == [n for n in (25, 50, 60) if n > at]
+
+
+@pytest.mark.parametrize(
+    "step", ["write_images", "write_progress", "finish", "write_text", "write_json"]
+)
+def test_a_stop_at_any_step_loses_nothing(
+    tmp_path: Path, whole: PoseImageSet, step: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(dataset_folder, step, _interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            acquire(tmp_path, CONFIG, n_jobs=1)
+    _assert_same(acquire(tmp_path, CONFIG, n_jobs=1), whole)
+    assert not (tmp_path / "acquisition.json").exists()
+
+
+def test_a_stop_at_the_very_end_loses_nothing(tmp_path: Path) -> None:
+    config = AcquisitionConfig(n_images=2, image_size=16)
+    first = acquire(tmp_path, config, n_jobs=1)
+    dataset_folder.write_progress(tmp_path, first.source, 2)
+    _assert_same(acquire(tmp_path, config, n_jobs=1), first)
+    assert not (tmp_path / "acquisition.json").exists()
+
+
+def test_a_finished_folder_is_only_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = AcquisitionConfig(n_images=2, image_size=16)
+    first = acquire(tmp_path, config, n_jobs=1)
+    before = _content(tmp_path)
+    monkeypatch.setattr("servoscope.acquisition.FreeCamera", _interrupt)
+    _assert_same(acquire(tmp_path, config, n_jobs=1), first)
+    assert _content(tmp_path) == before
+
+
+def _half_done(folder: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        acquire(folder, CONFIG, n_jobs=1, on_progress=_interrupt)
+
+
+def _done(folder: Path) -> None:
+    acquire(folder, AcquisitionConfig(n_images=2, image_size=16), n_jobs=1)
+
+
+@pytest.mark.parametrize(
+    ("begin", "message"),
+    [
+        (_half_done, r"unfinished acquisition of other settings \(n_images 60, seed 3\)"),
+        (_done, "holds a data set already"),
+    ],
+)
+def test_other_settings_are_refused_until_forced(
+    tmp_path: Path, begin: Callable[[Path], None], message: str
+) -> None:
+    begin(tmp_path)
+    before = _content(tmp_path)
+    other = AcquisitionConfig(n_images=3, image_size=16, seed=9)
+    with pytest.raises(FolderExistsError, match=message):
+        acquire(tmp_path, other, n_jobs=1)
+    assert _content(tmp_path) == before
+    data = acquire(tmp_path, other, n_jobs=1, force=True)
+    assert len(data) == 3
+    assert data.source["seed"] == 9
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"n_images": 0}, "n_images must be at least 1, got 0"),
+        ({"seed": -1}, "seed must not be negative, got -1"),
+        ({"image_size": 8}, "image_size must be a whole number from 16 to 2048, got 8"),
+        ({"translation_mm": -1.0}, "translation_mm must be from 0 to 200, got -1"),
+        ({"translation_mm": np.nan}, "translation_mm must be from 0 to 200, got nan"),
+        ({"rotation_deg": 90.0}, "rotation_deg must be from 0 to 60, got 90"),
+        ({"pivot_mm": np.inf}, "pivot_mm must be from 0 to 5000, got inf"),
+        ({"repeatability_mm": 11.0}, "repeatability_mm must be from 0 to 10, got 11"),
+        ({"repeatability_deg": -0.1}, "repeatability_deg must be from 0 to 10"),
+    ],
+)
+def test_numbers_out_of_range_are_refused(changes: dict[str, float], message: str) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        AcquisitionConfig(**changes)
