@@ -10,7 +10,15 @@ from pathlib import Path
 from benchmarks.machine import describe_machine
 from benchmarks.tables import as_page, as_text
 
-KERNELS = ("mutual_information", "moments", "pca", "levenberg_marquardt", "images")
+KERNELS = (
+    "mutual_information",
+    "moments",
+    "pca",
+    "levenberg_marquardt",
+    "sweep",
+    "images",
+    "study",
+)
 
 
 def main() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,8 @@ from tempfile import TemporaryDirectory
 
 import servoscope as sv
 from benchmarks.scenery import PIVOT, RANGES, displaced_images
-from benchmarks.timing import Contender, Table, race
+from benchmarks.timing import Contender, Table, Timing, race
+from servoscope.acquisition import AcquisitionConfig, acquire
 from servoscope.poses import poses_from_displacements
 from servoscope.scene.render import render
 from servoscope.scene.scene import T_WORLD_REF, Scene
@@ -20,11 +22,19 @@ def tables(quick: bool) -> Iterator[Table]:
     n_images, size = (200, 128) if quick else (1000, 256)
     with TemporaryDirectory() as folder:
         timings = race(_contenders(n_images, size, Path(folder)), repeats=3)
+        timings.append(_acquisition(n_images, size, Path(folder)))
     yield Table(
         "Images",
         f"{n_images} images of {size} x {size}; the ratio is to the first line",
         [replace(t, remark=f"{n_images / t.wall:,.0f} images/s") for t in timings],
     )
+
+
+def _acquisition(n_images: int, size: int, folder: Path) -> Timing:
+    config = AcquisitionConfig(n_images=n_images, image_size=size)
+    start = time.perf_counter()
+    acquire(folder / "acquired", config)
+    return Timing("acquire, all cores", time.perf_counter() - start, None, False, "")
 
 
 def _contenders(n_images: int, size: int, folder: Path) -> list[Contender]:

@@ -51,9 +51,11 @@ def _rows(table: Table) -> list[tuple[str, ...]]:
     ]
 
 
-def _seconds(seconds: float, timing: Timing) -> str:
+def _seconds(seconds: float | None, timing: Timing) -> str:
     return f"{_figures(seconds)}{' est' if timing.estimated else ''}"
 
 
-def _figures(value: float) -> str:
+def _figures(value: float | None) -> str:
+    if value is None:
+        return ""
     return f"{value:.3g}" if value < 1000 else f"{value:,.0f}"

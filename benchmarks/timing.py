@@ -35,11 +35,11 @@ class Contender:
 
 @dataclass(frozen=True)
 class Timing:
-    """Median times of one tool, [s]."""
+    """Median times of one tool, [s]; processor time is None where several processes share it."""
 
     name: str
     wall: float
-    cpu: float
+    cpu: float | None
     estimated: bool
     remark: str
 
@@ -52,9 +52,10 @@ class Table:
     job: str
     timings: Sequence[Timing]
 
-    def ratio(self, timing: Timing) -> float:
+    def ratio(self, timing: Timing) -> float | None:
         """How many times our processor time the tool takes."""
-        return timing.cpu / self.timings[0].cpu
+        ours = self.timings[0].cpu
+        return None if timing.cpu is None or ours is None else timing.cpu / ours
 
 
 def race(contenders: Sequence[Contender], repeats: int) -> list[Timing]:
