@@ -38,10 +38,10 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Write a compressed ``.npz`` without pickled objects, whole or not at all."""
+    """Write an ``.npz`` without pickled objects, whole or not at all."""
     if any(array.dtype.hasobject for array in arrays.values()):
         raise TypeError("Arrays of Python objects cannot be written without pickle.")
-    write_atomically(path, lambda file: np.savez_compressed(file, **arrays))  # type: ignore[arg-type]
+    write_atomically(path, lambda file: np.savez(file, **arrays))  # type: ignore[arg-type]
 
 
 def _plain(value: Any) -> Any:

@@ -1,0 +1,7 @@
+"""``python -m servoscope``."""
+
+import sys
+
+from servoscope.cli import main
+
+sys.exit(main())

@@ -1,0 +1,102 @@
+"""The command line."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+from tyro.conf import FlagCreatePairsOff
+from tyro.extras import SubcommandApp
+
+from servoscope import __version__
+from servoscope.errors import ServoscopeError
+
+DESCRIPTION = """Vision-based robot positioning: which image features tell about which degree of
+freedom, and how accurately. Begin with: servoscope study. Every command also takes --debug, which
+shows where an error came from; --version tells the version."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Returns
+    -------
+    int
+        0 done, 1 failed with one line on standard error, 130 interrupted. Wrong usage exits
+        with 2.
+    """
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    debug = "--debug" in arguments
+    arguments = [argument for argument in arguments if argument != "--debug"]
+    if arguments == ["--version"]:
+        print(f"servoscope {__version__}")
+        return 0
+    warnings.showwarning = _print_warning
+    try:
+        app = _app()
+        app.cli(
+            prog="servoscope",
+            description=DESCRIPTION,
+            args=arguments or ["--help"],
+            config=(FlagCreatePairsOff,),
+        )
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        return _fail("interrupted; what is finished is kept, and can be gone on with", 130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except Exception as error:
+        if debug:
+            traceback.print_exc()
+        return _fail(_one_line(error), 1)
+    return 0
+
+
+def _app() -> SubcommandApp:
+    from servoscope.commands.acquire import acquire
+    from servoscope.commands.assess import assess
+    from servoscope.commands.import_images import import_commands
+    from servoscope.commands.info import info
+    from servoscope.commands.report import report
+    from servoscope.commands.study import study
+
+    app, formats = SubcommandApp(), SubcommandApp()
+    for name, import_format in import_commands().items():
+        formats.command(name=name)(import_format)
+    app.command(study)
+    app.command(acquire)
+    app.command(assess)
+    app.command(formats, name="import", help="Make a data set of your own images and poses.")
+    app.command(report)
+    app.command(info)
+    return app
+
+
+def _one_line(error: Exception) -> str:
+    message = " ".join(str(error).split())
+    if isinstance(error, ServoscopeError):
+        return message
+    if isinstance(error, MemoryError):
+        return "out of memory; ask for fewer or smaller images"
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        return f"{where}{error.strerror or message}"
+    return f"unexpected {type(error).__name__}: {message}; --debug shows where it came from"
+
+
+def _fail(message: str, code: int) -> int:
+    print(f"servoscope: {message}", file=sys.stderr)
+    return code
+
+
+def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    print(f"servoscope: warning: {' '.join(str(message).split())}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,58 @@
+"""``servoscope acquire``."""
+
+from __future__ import annotations
+
+from servoscope.commands.options import DataSetOut, Force, Jobs, Json
+
+
+def acquire(
+    out: DataSetOut,
+    n_images: int = 1000,
+    image_size: int = 256,
+    seed: int = 0,
+    translation_mm: float = 25.0,
+    rotation_deg: float = 15.0,
+    pivot_mm: float = 550.0,
+    repeatability_mm: float = 0.05,
+    repeatability_deg: float = 0.01,
+    jobs: Jobs = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Take images of the simulated cylinder head at random poses around the reference.
+
+    The reference looks straight down on the part from 550 mm. An interrupted acquisition goes on
+    where it stopped when the same command is given again.
+
+    Example: servoscope acquire head --n-images 1000 --image-size 256 --seed 0
+
+    Args:
+        n_images: Number of images.
+        image_size: Height and width of the images, in pixels.
+        seed: Seed of the poses and of the noise.
+        translation_mm: Largest displacement along each axis, in mm.
+        rotation_deg: Largest rotation about each axis, in degrees.
+        pivot_mm: Distance of the centre of rotation from the camera, in mm.
+        repeatability_mm: Standard deviation of the robot's position error, in mm.
+        repeatability_deg: Standard deviation of the robot's rotation error, in degrees.
+    """
+    from servoscope.acquisition import AcquisitionConfig
+    from servoscope.acquisition import acquire as acquire_images
+    from servoscope.commands.info import describe_data_set
+    from servoscope.commands.options import n_jobs
+    from servoscope.commands.output import print_facts
+    from servoscope.commands.progress import progress_bar
+
+    config = AcquisitionConfig(
+        n_images=n_images,
+        image_size=image_size,
+        seed=seed,
+        translation_mm=translation_mm,
+        rotation_deg=rotation_deg,
+        pivot_mm=pivot_mm,
+        repeatability_mm=repeatability_mm,
+        repeatability_deg=repeatability_deg,
+    )
+    with progress_bar("images", n_images) as advance:
+        acquire_images(out, config, n_jobs=n_jobs(jobs), force=force, on_progress=advance)
+    print_facts(describe_data_set(out), as_json=json)

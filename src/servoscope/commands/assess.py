@@ -1,0 +1,40 @@
+"""``servoscope assess``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from servoscope.commands.options import DataSet, Force, Jobs, Json, Protocol, Resume, RunOut
+
+
+def assess(
+    dataset: DataSet,
+    out: RunOut = Path("servoscope-run"),
+    seed: int = 0,
+    protocol: Protocol = "both",
+    jobs: Jobs = None,
+    resume: Resume = False,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Run the whole study on a data set folder, such as one made by acquire or by import.
+
+    Example: servoscope assess desk --out desk-run
+
+    Args:
+        seed: Seed of the split and the nets.
+    """
+    from dataclasses import asdict
+
+    from servoscope.commands.options import n_jobs, protocols
+    from servoscope.commands.run_study import finish_run
+    from servoscope.dataset_folder import read_meta
+    from servoscope.study.config import StudyConfig
+    from servoscope.study.run_folder import open_run_folder
+
+    processes = n_jobs(jobs)
+    read_meta(dataset)
+    config = StudyConfig(seed=seed, protocols=protocols(protocol))
+    settings = {"command": "assess", **asdict(config), "dataset": str(dataset.resolve())}
+    run = open_run_folder(out, settings, resume=resume, force=force)
+    finish_run(run, dataset, config, processes, json=json)

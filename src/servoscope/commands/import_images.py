@@ -1,0 +1,44 @@
+"""``servoscope import``: one command for each format."""
+
+from collections.abc import Callable
+
+from tyro.conf import OmitArgPrefixes
+
+from servoscope.commands.options import DataSetOut, Force, Json, Source
+from servoscope.formats.registry import FORMATS, Format
+
+
+def import_command(name: str, format_: Format) -> Callable[..., None]:
+    """The command that imports one format."""
+
+    def command(
+        src: Source,
+        out: DataSetOut,
+        options: OmitArgPrefixes[format_.options],  # type: ignore[name-defined]
+        force: Force = False,
+        json: Json = False,
+    ) -> None:
+        from servoscope.commands.info import describe_data_set
+        from servoscope.commands.output import print_facts
+        from servoscope.commands.progress import progress_bar
+        from servoscope.dataset_folder import check_free, remove
+
+        if not force:
+            check_free(out)
+        with progress_bar("images", None) as advance:
+            data = format_.read(src, options, advance)
+        if force:
+            remove(out)
+        data.save(out)
+        print_facts(describe_data_set(out), as_json=json)
+
+    command.__doc__ = f"""Import {format_.summary}, and write a data set folder.
+
+    Example: servoscope import {name} SRC OUT --max-mm 150 --max-deg 20
+    """
+    return command
+
+
+def import_commands() -> dict[str, Callable[..., None]]:
+    """The command of every format, by name."""
+    return {name: import_command(name, format_) for name, format_ in FORMATS.items()}

@@ -1,0 +1,94 @@
+"""``servoscope info``."""
+
+from __future__ import annotations
+
+import os
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from servoscope import __version__
+from servoscope.commands.options import DataSetOrRun, Json
+
+
+def info(path: DataSetOrRun = None, json: Json = False) -> None:
+    """Tell what a data set folder or a run folder holds; without one, what is installed.
+
+    Example: servoscope info servoscope-study
+    """
+    from servoscope.commands.output import print_facts
+    from servoscope.study.run_folder import is_run
+
+    if path is None:
+        facts = describe_installation()
+    elif is_run(path):
+        facts = describe_run(path)
+    else:
+        facts = describe_data_set(path)
+    print_facts(facts, as_json=json)
+
+
+def describe_installation() -> dict[str, Any]:
+    """Versions of servoscope and of what its results depend on."""
+    packages = ("numpy", "scipy", "scikit-learn", "numba", "opencv-python-headless", "embreex")
+    return {
+        "servoscope": __version__,
+        "python": platform.python_version(),
+        "cores": os.cpu_count(),
+        **{package: _version(package) for package in packages},
+    }
+
+
+def describe_data_set(folder: Path) -> dict[str, Any]:
+    """What a data set folder holds.
+
+    Raises
+    ------
+    DataSetError
+        If it cannot be read.
+    """
+    from servoscope.dataset import PoseImageSet
+    from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
+
+    data = PoseImageSet.load(folder)
+    height, width = data.image_shape
+    ranges = (data.ranges() * DISPLAY_FACTORS).round(3).tolist()
+    return {
+        "data_set": str(folder),
+        "images": len(data),
+        "size_px": [width, height],
+        "pivot_mm": round(1e3 * data.pivot, 3),
+        "split": data.split,
+        "ranges": {
+            dof: f"{value:g} {unit}"
+            for dof, value, unit in zip(DOFS, ranges, DISPLAY_UNITS, strict=True)
+        },
+        "source": data.source,
+    }
+
+
+def describe_run(folder: Path) -> dict[str, Any]:
+    """What a run folder holds, and which stages are finished.
+
+    Raises
+    ------
+    RunFolderError
+        If it was written by another version or is damaged.
+    """
+    from servoscope.study.run_folder import RunFolder, read_settings
+
+    run = RunFolder(folder, read_settings(folder))
+    return {
+        "run": str(folder),
+        "finished": (folder / "summary.json").exists(),
+        "settings": run.settings,
+        "timings_s": run.timings(),
+    }
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"

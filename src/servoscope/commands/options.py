@@ -1,0 +1,46 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from servoscope.errors import InvalidInputError
+from servoscope.splits import PROTOCOLS
+
+Source = Positional[Annotated[Path, arg(metavar="SRC", help="Folder to read.")]]
+DataSetOut = Positional[Annotated[Path, arg(metavar="OUT", help="Data set folder to write.")]]
+DataSet = Positional[Annotated[Path, arg(metavar="DATASET", help="Data set folder.")]]
+DataSetOrRun = Positional[Annotated[Path | None, arg(metavar="PATH", help="Folder.")]]
+Run = Positional[Annotated[Path, arg(metavar="RUN", help="Run folder.")]]
+RunOut = Annotated[Path, arg(help="Run folder to write.")]
+Jobs = Annotated[int | None, arg(metavar="N", help="Processes; by default as many as cores.")]
+Force = Annotated[bool, arg(help="Replace what is there.")]
+Resume = Annotated[bool, arg(help="Go on from the finished stages of an interrupted run.")]
+Json = Annotated[bool, arg(help="Print JSON.")]
+Protocol = Annotated[
+    Literal["both", "honest", "paper"],
+    arg(help="Decide on images kept for that (honest), or on the test images (paper)."),
+]
+
+
+def n_jobs(jobs: int | None) -> int:
+    """Number of processes in joblib's terms for ``--jobs``, -1 being all cores.
+
+    Raises
+    ------
+    InvalidInputError
+        If it is less than 1.
+    """
+    if jobs is None:
+        return -1
+    if jobs < 1:
+        raise InvalidInputError(f"--jobs must be at least 1, got {jobs}; leave it out for all.")
+    return jobs
+
+
+def protocols(protocol: str) -> tuple[str, ...]:
+    """The protocols that ``--protocol`` names."""
+    return PROTOCOLS if protocol == "both" else (protocol,)

@@ -1,0 +1,67 @@
+"""The part that ``study`` and ``assess`` share: the study of a data set, and its report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from servoscope.commands.output import console, print_json
+from servoscope.commands.progress import progress_bar
+from servoscope.dataset import PoseImageSet
+from servoscope.files import write_json
+from servoscope.poses import DISPLAY_UNITS, DOFS
+from servoscope.report import write_report
+from servoscope.study import Study, StudyConfig
+from servoscope.study.paper import FAMILIES, FAMILY_TITLES
+from servoscope.study.run_folder import RunFolder, read_json
+
+
+def finish_run(
+    run: RunFolder, dataset: Path, config: StudyConfig, n_jobs: int, *, json: bool
+) -> None:
+    """Go through what is not finished of a run, write its report, and print its summary."""
+    data = PoseImageSet.load(dataset)
+    Study(run, data, config, n_jobs=n_jobs, progress=progress_bar).run()
+    path = run.path / "summary.json"
+    with progress_bar("report", 1) as advance:
+        results = read_json(path)["protocols"]
+        run.run_stage("report", results, lambda: write_report(run.path, n_jobs=n_jobs))
+        advance(1)
+    summary = {**read_json(path), "timings_s": run.timings()}
+    write_json(path, summary)
+    if json:
+        print_json(summary)
+    else:
+        print_summary(summary, run.path / "report.html")
+
+
+def print_summary(summary: dict[str, Any], report: Path) -> None:
+    """Print the errors by family and dof, and where the report is."""
+    out = console()
+    for protocol, forms in summary["protocols"].items():
+        for displacement, results in forms.items():
+            out.print(_table(f"{protocol} protocol, {displacement} form", results))
+    out.print(f"total {summary['timings_s']['total']:.1f} s")
+    out.print(f"report: {report}", soft_wrap=True)
+
+
+def _table(title: str, results: dict[str, Any]) -> Table:
+    table = Table(title=f"RMS test error, {title}", title_justify="left")
+    table.add_column("features")
+    for dof, unit in zip(DOFS, DISPLAY_UNITS, strict=True):
+        table.add_column(f"{dof} [{unit}]".replace("[", "\\["), justify="right")
+    table.add_column("mean of range", justify="right")
+    for family in FAMILIES:
+        table.add_row(FAMILY_TITLES[family], *_errors(results["table1"][family]))
+    table.add_row("none: the mean", *_errors(results["baseline"]), end_section=True)
+    minimum = results["table3"]
+    numbers = ", ".join(f"{minimum[dof]['n_features']}" for dof in DOFS)
+    table.add_row(f"selected ({numbers})", *_errors(minimum))
+    return table
+
+
+def _errors(row: dict[str, Any]) -> list[str]:
+    mean = sum(row[dof]["rms"] for dof in DOFS) / len(DOFS)
+    return [*(f"{row[dof]['physical']:.2f}" for dof in DOFS), f"{mean:.3f}"]

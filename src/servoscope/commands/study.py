@@ -1,0 +1,54 @@
+"""``servoscope study``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from servoscope.commands.options import Force, Jobs, Json, Protocol, Resume, RunOut
+
+
+def study(
+    out: RunOut = Path("servoscope-study"),
+    n_images: int = 1000,
+    image_size: int = 256,
+    seed: int = 0,
+    protocol: Protocol = "both",
+    jobs: Jobs = None,
+    resume: Resume = False,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Take images of the simulated part, assess every feature, train the nets, write the report.
+
+    This is the study of Wells and Torras (2001), end to end: Tables I to III and the counterparts
+    of its figures, beside the published numbers.
+
+    Example: servoscope study --n-images 400 --image-size 128 --out quick
+
+    Args:
+        n_images: Number of images.
+        image_size: Height and width of the images, in pixels.
+        seed: Seed of the poses, the noise, the split and the nets.
+    """
+    from dataclasses import asdict
+
+    from servoscope.acquisition import AcquisitionConfig, acquire
+    from servoscope.commands.options import n_jobs, protocols
+    from servoscope.commands.progress import progress_bar
+    from servoscope.commands.run_study import finish_run
+    from servoscope.study.config import StudyConfig, check_n_images
+    from servoscope.study.run_folder import open_run_folder
+
+    processes = n_jobs(jobs)
+    check_n_images(n_images)
+    config = StudyConfig(seed=seed, protocols=protocols(protocol))
+    acquisition = AcquisitionConfig(n_images=n_images, image_size=image_size, seed=seed)
+    settings = {"command": "study", **asdict(config), "acquisition": asdict(acquisition)}
+    run = open_run_folder(out, settings, resume=resume, force=force)
+
+    def take_images() -> None:
+        with progress_bar("images", n_images) as advance:
+            acquire(run.path / "dataset", acquisition, n_jobs=processes, on_progress=advance)
+
+    run.run_stage("acquire", settings["acquisition"], take_images)
+    finish_run(run, run.path / "dataset", config, processes, json=json)

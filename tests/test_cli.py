@@ -1,0 +1,205 @@
+"""The command line, as its users meet it."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from planar import planar_data_set
+from servoscope.cli import main
+
+STUDY = ("study", "--n-images", "144", "--image-size", "24", "--seed", "3", "--protocol", "honest")
+
+
+def start(*arguments: str, **options) -> subprocess.Popen:
+    command = [sys.executable, "-m", "servoscope", *arguments]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen(command, start_new_session=True, **pipes, **options)
+
+
+def wait_for(path: Path, process: subprocess.Popen) -> None:
+    """Return once `path` exists; fail if the process ends first."""
+    deadline = time.monotonic() + 120
+    while not path.exists():
+        assert process.poll() is None, f"ended without {path.name}: {process.communicate()}"
+        assert time.monotonic() < deadline, f"no {path.name} after two minutes"
+        time.sleep(0.002)
+
+
+def results(run: Path) -> dict:
+    """The summary without what a clock says."""
+    summary = json.loads((run / "summary.json").read_text())
+    del summary["timings_s"]
+    return summary
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> Path:
+    """The run folder of an undisturbed small study."""
+    run = tmp_path_factory.mktemp("cli") / "run"
+    assert main([*STUDY, "--out", str(run)]) == 0
+    return run
+
+
+@pytest.mark.slow
+def test_study_makes_a_report_and_says_where_it_is(tmp_path, capsys):
+    assert main([*STUDY, "--out", str(tmp_path / "run")]) == 0
+    out, err = capsys.readouterr()
+    assert str(tmp_path / "run" / "report.html") in out
+    assert "honest protocol, pivot form" in out
+    assert "Traceback" not in err
+    assert "</html>" in (tmp_path / "run" / "report.html").read_text()
+
+
+def test_study_prints_its_summary_as_json(finished, capsys):
+    assert main([*STUDY, "--out", str(finished), "--resume", "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["protocols"].keys() == {"honest"}
+    assert {"acquire", "features", "assessment", "report", "total"} <= summary["timings_s"].keys()
+    assert summary["timings_s"]["total"] > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "moment",
+    ["dataset/acquisition.json", "stages/acquire.json", "stages/features.json", "models"],
+)
+def test_a_killed_study_resumes_to_the_same_summary(finished, tmp_path, moment):
+    run = tmp_path / "run"
+    process = start(*STUDY, "--out", str(run))
+    wait_for(run / moment, process)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+    assert not (run / "summary.json").exists()
+    assert main([*STUDY, "--out", str(run), "--resume"]) == 0
+    assert results(run) == results(finished)
+
+
+@pytest.mark.slow
+def test_an_interrupted_study_says_so_in_one_line_and_can_be_resumed(finished, tmp_path):
+    run = tmp_path / "run"
+    process = start(*STUDY, "--out", str(run))
+    wait_for(run / "stages" / "acquire.json", process)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate()
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert err.strip().splitlines()[-1].startswith("servoscope: interrupted")
+    assert main([*STUDY, "--out", str(run), "--resume"]) == 0
+    assert results(run) == results(finished)
+
+
+def test_assess_of_the_studys_images_finds_what_the_study_found(finished, tmp_path):
+    run = tmp_path / "run"
+    command = ["assess", str(finished / "dataset"), "--out", str(run), "--seed", "3"]
+    assert main([*command, "--protocol", "honest"]) == 0
+    assert results(run)["protocols"] == results(finished)["protocols"]
+
+
+def test_report_needs_the_run_folder_only(finished, tmp_path, capsys):
+    moved = tmp_path / "moved"
+    shutil.copytree(finished, moved, ignore=shutil.ignore_patterns("dataset", "report.html"))
+    assert main(["report", str(moved), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"report": str(moved / "report.html")}
+    assert (moved / "report.html").exists()
+
+
+def test_info_tells_of_installations_data_sets_and_runs(finished, capsys):
+    assert main(["info", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["cores"] == os.cpu_count()
+    assert main(["info", str(finished / "dataset"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["size_px"] == [24, 24]
+    assert main(["info", str(finished), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["finished"] is True
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["assess", "nowhere"], "nowhere is not a folder"),
+        (["info", "nowhere"], "nowhere is not a folder"),
+        (["report", "nowhere"], "nowhere is not a run folder"),
+        (["import", "folder", "nowhere", "out"], "nowhere does not exist"),
+        (["import", "tum", "nowhere", "out"], "nowhere does not exist"),
+        (["study", "--n-images", "20"], "at least 144 images"),
+        (["study", "--seed", "-1"], "seed must"),
+        (["study", "--jobs", "0"], "--jobs must be at least 1"),
+        (["study", "--image-size", "3"], "image_size must"),
+        (["acquire", "out", "--n-images", "0"], "n_images must"),
+    ],
+)
+def test_bad_requests_end_with_one_line_and_leave_nothing(
+    arguments, message, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("servoscope: ")
+    assert message in err
+    assert len(err.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("arguments", [["study", "--bins"], ["assess"], ["fly"]])
+def test_wrong_usage_exits_with_2(arguments, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    assert capsys.readouterr().out == ""
+
+
+def test_debug_shows_where_an_error_came_from(capsys):
+    assert main(["info", "nowhere", "--debug"]) == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("servoscope ")
+
+
+def test_a_run_is_not_overwritten_without_force(finished, capsys):
+    before = results(finished)
+    assert main([*STUDY, "--out", str(finished)]) == 1
+    assert "--resume" in capsys.readouterr().err
+    assert results(finished) == before
+
+
+def test_a_damaged_image_stack_is_named(tmp_path, capsys):
+    planar_data_set(150, 24).save(tmp_path / "data")
+    stack = tmp_path / "data" / "images.zarr"
+    chunk = next(p for p in stack.rglob("*") if p.is_file() and p.name != "zarr.json")
+    chunk.write_bytes(chunk.read_bytes()[:40])
+    assert main(["assess", str(tmp_path / "data"), "--out", str(tmp_path / "run")]) == 1
+    err = capsys.readouterr().err
+    assert "images.zarr" in err
+    assert "Traceback" not in err
+
+
+def test_a_full_disk_is_said_in_one_line(tmp_path, monkeypatch, capsys):
+    planar_data_set(150, 24).save(tmp_path / "data")
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device", "features.npz")
+
+    monkeypatch.setattr("servoscope.study.run.write_arrays", full)
+    assert main(["assess", str(tmp_path / "data"), "--out", str(tmp_path / "run")]) == 1
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last == "servoscope: features.npz: No space left on device"
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    planar_data_set(150, 24).save(tmp_path / "data")
+    out = tmp_path / "file" / "run"
+    assert main(["assess", str(tmp_path / "data"), "--out", str(out)]) == 1
+    err = capsys.readouterr().err
+    assert str(out) in err
+    assert len(err.splitlines()) == 1
