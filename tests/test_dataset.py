@@ -224,7 +224,7 @@ def test_missing_meta_data_is_named(folder, key):
 )
 def test_meta_data_that_is_no_json_object_is_refused(folder, content):
     (folder / "meta.json").write_bytes(content)
-    refused(folder, r"meta\.json (is not readable JSON|must hold a JSON object)")
+    refused(folder, r"meta\.json (cannot be read as JSON|must hold a JSON object)")
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import shutil
 from collections.abc import Sequence
 from os import PathLike
@@ -20,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import DataSetError, FolderExistsError, InvalidInputError
-from servoscope.files import write_atomically, write_json, write_text
+from servoscope.files import read_json, write_atomically, write_json, write_text
 from servoscope.poses import poses_from_quaternions, quaternions_xyzw
 
 VERSION = 1
@@ -106,7 +105,7 @@ def read_progress(folder: Folder) -> tuple[dict[str, Any], int] | None:
     path = Path(folder) / "acquisition.json"
     if not path.exists():
         return None
-    progress = _read_json(path)
+    progress = read_json(path, DataSetError)
     return progress["plan"], int(progress["n_done"])
 
 
@@ -148,7 +147,7 @@ def read_meta(folder: Folder) -> dict[str, Any]:
                 f"{path} is unfinished ({progress[1]} images); repeat the command that began it."
             )
         raise DataSetError(f"{path} is not a data set folder: it has no meta.json.")
-    meta = _read_json(path / "meta.json")
+    meta = read_json(path / "meta.json", DataSetError)
     if meta.get("version") != VERSION:
         raise DataSetError(
             f"{path / 'meta.json'} has version {meta.get('version')!r}, this servoscope reads "
@@ -225,16 +224,6 @@ def _read_poses(path: Path) -> tuple[list[str], NDArray[np.float64], NDArray[np.
         wanted = ",".join(POSE_COLUMNS)
         raise DataSetError(f"{path} must have the columns {wanted} ({error}).") from error
     return names, numbers.reshape(-1, 7), times
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise DataSetError(f"{path} is not readable JSON ({error}).") from error
-    if not isinstance(value, dict):
-        raise DataSetError(f"{path} must hold a JSON object, got a {type(value).__name__}.")
-    return value
 
 
 def _pose_numbers(T: NDArray[np.float64]) -> list[list[float]]:

@@ -10,9 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from servoscope import __version__
+from servoscope import __version__, files
 from servoscope.errors import FolderExistsError, RunFolderError
-from servoscope.files import write_json
 
 VERSION = 1
 PARTS = (
@@ -40,7 +39,7 @@ class RunFolder:
         self.path = path
         self.settings = settings
 
-    def run_stage(self, name: str, inputs: Any, make: Callable[[], None]) -> None:
+    def run_stage(self, name: str, inputs: Any, make: Callable[[], object]) -> None:
         """Call ``make()``, unless this stage is finished for the same inputs.
 
         A stage counts as finished only once `make` has returned.
@@ -54,7 +53,7 @@ class RunFolder:
         make()
         seconds = time.perf_counter() - start
         record.parent.mkdir(exist_ok=True)
-        write_json(record, {"fingerprint": fingerprint, "seconds": round(seconds, 3)})
+        files.write_json(record, {"fingerprint": fingerprint, "seconds": round(seconds, 3)})
 
     def timings(self) -> dict[str, float]:
         """How long each finished stage took, in the order of their names, and ``total``, [s]."""
@@ -95,7 +94,7 @@ def open_run_folder(
         raise FolderExistsError(f"{path} exists and is not a run folder; name another with --out.")
     path.mkdir(parents=True, exist_ok=True)
     config = {"version": VERSION, "servoscope": __version__, "settings": settings}
-    write_json(path / "config.json", config)
+    files.write_json(path / "config.json", config)
     return RunFolder(path, settings)
 
 
@@ -160,12 +159,4 @@ def read_json(path: Path) -> dict[str, Any]:
     RunFolderError
         If the file is missing or damaged.
     """
-    try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise RunFolderError(
-            f"{path} cannot be read ({error}); make the run again with --force."
-        ) from error
-    if not isinstance(value, dict):
-        raise RunFolderError(f"{path} must hold a JSON object; make the run again with --force.")
-    return value
+    return files.read_json(path, RunFolderError)
