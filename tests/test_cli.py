@@ -192,7 +192,7 @@ def test_a_full_disk_is_said_in_one_line(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("servoscope.study.run.write_arrays", full)
     assert main(["assess", str(tmp_path / "data"), "--out", str(tmp_path / "run")]) == 1
     last = capsys.readouterr().err.splitlines()[-1]
-    assert last == "servoscope: features.npz: No space left on device"
+    assert last.startswith("servoscope: features.npz: No space left on device; free some")
 
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path, capsys):

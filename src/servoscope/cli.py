@@ -7,6 +7,7 @@ import sys
 import traceback
 import warnings
 from collections.abc import Sequence
+from errno import ENOSPC
 from typing import Any
 
 from tyro.conf import FlagCreatePairsOff
@@ -36,6 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"servoscope {__version__}")
         return 0
     warnings.showwarning = _print_warning
+    warnings.filterwarnings("ignore", message=r"\d+ tasks which were still being processed")
     try:
         app = _app()
         app.cli(
@@ -85,7 +87,8 @@ def _one_line(error: Exception) -> str:
         return "out of memory; ask for fewer or smaller images"
     if isinstance(error, OSError):
         where = f"{error.filename}: " if error.filename else ""
-        return f"{where}{error.strerror or message}"
+        full = "; free some and repeat the command, a run with --resume"
+        return f"{where}{error.strerror or message}{full if error.errno == ENOSPC else ''}"
     return f"unexpected {type(error).__name__}: {message}; --debug shows where it came from"
 
 
