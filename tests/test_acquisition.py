@@ -63,6 +63,12 @@ def test_images_differ_by_pose_and_noise(whole: PoseImageSet) -> None:
     assert len(np.unique(whole.images.reshape(60, -1), axis=0)) == 60
 
 
+def test_every_image_has_noise_of_its_own(tmp_path: Path) -> None:
+    config = AcquisitionConfig(3, 16, 0, 0.0, 0.0, repeatability_mm=0.0, repeatability_deg=0.0)
+    images = acquire(tmp_path, config, n_jobs=1).images.astype(int)
+    assert all((images[i] != images[i - 1]).mean() > 0.2 for i in range(3))
+
+
 @pytest.mark.slow
 def test_two_processes_give_the_images_of_one(tmp_path: Path, whole: PoseImageSet) -> None:
     _assert_same(acquire(tmp_path, CONFIG, n_jobs=2), whole)

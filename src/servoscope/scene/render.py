@@ -8,12 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from servoscope.scene import shading
-from servoscope.scene.geometry import LAMP_CELL, geometry_of, map_table_light
+from servoscope.scene.aiming import aim, rough_pixels
+from servoscope.scene.geometry import geometry_of
 from servoscope.scene.grain import grain_tile
 from servoscope.scene.lens import Lens
 from servoscope.scene.materials import material_table
 from servoscope.scene.scene import Scene
+from servoscope.scene.shading import Doubts, Hits, Part, add_unblocked, shade
+from servoscope.scene.shadows import face_states
+from servoscope.scene.table import Table, lay_table
 
 Floats = NDArray[np.float32]
 
@@ -74,7 +77,7 @@ def render_radiance(scene: Scene, T_world_cam: ArrayLike) -> Floats:
     finer = -(-FEWEST_SAMPLES // size)
     n = size * finer
     radiance = _trace(scene, pose, np.arange(n * n, dtype=np.int32), _CENTRE).reshape(n, n)
-    rough = shading.rough_pixels(radiance, np.float32(CONTRAST))
+    rough = rough_pixels(radiance, np.float32(CONTRAST))
     closer = _trace(scene, pose, rough, _DIAGONAL).reshape(-1, len(_DIAGONAL)).sum(axis=1)
     radiance.ravel()[rough] = (radiance.ravel()[rough] + closer) / (1 + len(_DIAGONAL))
     return radiance.reshape(size, finer, size, finer).mean(axis=(1, 3))
@@ -86,25 +89,29 @@ def _trace(scene: Scene, pose: Floats, pixels: NDArray[np.int32], offsets: Float
     cell = _cell(scene)
     corners = _pixel_corners(scene.lens, scene.image_size)
     rotation, centre = np.ascontiguousarray(pose[:3, :3]), np.ascontiguousarray(pose[:3, 3])
-    rays, origins = np.empty((2, n + 1, 3), np.float32)
-    index = np.empty(n, np.int32)
-    surface = shading.Surface(*np.empty((3, n, 3), np.float32))
-    radiance, lit = np.empty((2, n), np.float32)
-    count = shading.aim(corners, pixels, offsets, rotation, centre, cell.bounds, rays, index)
-    shading.locate_table(rays[:n], centre, cell.table, cell.ambient, surface, radiance)
-    towards_part = index[:count]
-    origins[:count] = centre
-    hit = cell.tree.run(origins[:count], rays[towards_part], output=True)
-    triangle, u, v = hit["primID"], hit["u"], hit["v"]
-    shading.locate_part(towards_part, triangle, u, v, cell.part, cell.ambient, surface, radiance)
-    for place, lamp in enumerate(cell.lamps, start=1):
-        count = shading.aim_at_lamp(
-            surface, lamp, place, cell.bounds, cell.table, lit, origins, rays, index
-        )
-        blocked = cell.tree.run(origins[:count], rays[:count], dists=1.0, query="OCCLUDED")
-        lit[index[:count][blocked >= 0]] = 0
-        shading.add_light(surface, lamp, centre, lit, radiance)
+    radiance, rays, ray_of = np.empty(n, np.float32), _empty_rays(n), np.empty(n, np.int32)
+    count = aim(
+        corners, pixels, offsets, rotation, centre, cell.bounds, cell.table, radiance, rays, ray_of
+    )
+    rays, ray_of = rays[:count], ray_of[:count]
+    found = cell.tree.run(np.broadcast_to(centre, rays.shape), rays, output=True)
+    hits = Hits(found["primID"], found["u"], found["v"])
+    n_doubts = count * len(cell.table.lamps)
+    doubts = Doubts(
+        _empty_rays(n_doubts),
+        _empty_rays(n_doubts),
+        np.empty(n_doubts, np.int32),
+        np.empty(n_doubts, np.float32),
+    )
+    count = shade(rays, ray_of, hits, centre, cell.part, cell.table, radiance, doubts)
+    origins, ways = doubts.origins[:count], doubts.ways[:count]
+    blocker = cell.tree.run(origins, ways, dists=1.0, query="OCCLUDED")
+    add_unblocked(blocker, doubts.ray_of, doubts.gain, radiance)
     return radiance
+
+
+def _empty_rays(n: int) -> Floats:
+    return np.empty((n, 3), np.float32)
 
 
 class _Cell(NamedTuple):
@@ -112,28 +119,25 @@ class _Cell(NamedTuple):
 
     tree: Any
     bounds: Floats
-    part: shading.Part
-    table: shading.Table
-    lamps: Floats
-    ambient: np.float32
+    part: Part
+    table: Table
 
 
 @lru_cache(maxsize=4)
 def _cell(scene: Scene) -> _Cell:
     geometry = geometry_of(scene.part)
-    mesh, lamps, looks = geometry.mesh, scene.lighting.lamp_rows(), material_table()
-    light, origin = map_table_light(geometry, lamps)
-    part = shading.Part(
+    mesh = geometry.mesh
+    part = Part(
         mesh.vertices,
         mesh.normals,
         geometry.sky,
         mesh.triangles,
         mesh.materials,
-        looks,
+        face_states(geometry, scene.lighting.lamp_rows()),
+        material_table(),
         grain_tile(),
     )
-    table = shading.Table(mesh.bounds[0, 2], looks[0], light, origin, np.float32(LAMP_CELL))
-    return _Cell(geometry.tree, mesh.bounds, part, table, lamps, np.float32(scene.lighting.ambient))
+    return _Cell(geometry.tree, mesh.bounds, part, lay_table(geometry, scene.lighting))
 
 
 @lru_cache(maxsize=4)

@@ -1,0 +1,120 @@
+"""Rays through the pixels of a camera, and which pixels deserve more of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from servoscope.scene.table import Table, table_radiance
+
+Floats = NDArray[np.float32]
+Integers = NDArray[np.int32]
+
+
+@njit(cache=True, error_model="numpy")
+def aim(
+    corners: Floats,
+    pixels: Integers,
+    offsets: Floats,
+    rotation: Floats,
+    centre: Floats,
+    bounds: Floats,
+    table: Table,
+    radiance: Floats,
+    rays: Floats,
+    ray_of: Integers,
+) -> int:
+    """Turn pixels into rays; the table answers those that pass the part by.
+
+    Parameters
+    ----------
+    corners : ndarray of shape (n + 1, n + 1, 2), float32
+        Camera coordinates, at unit depth, of the corners of the n x n pixels.
+    pixels : ndarray of shape (n_pixels,), int32
+        Row times n plus column.
+    offsets : ndarray of shape (n_offsets, 2), float32
+        Where in each pixel rays pass, from its left and top, [px].
+    rotation, centre : ndarray of shapes (3, 3) and (3,), float32
+        Of the camera, camera to world.
+    bounds : ndarray of shape (2, 3), float32
+        A box about the part.
+    table : Table
+    radiance : ndarray of shape (n_pixels * n_offsets,), float32
+        Written for the rays that pass the box by.
+    rays : ndarray of shape (n_pixels * n_offsets, 3), float32
+        Written: directions, in the world, of the rays that meet the box.
+    ray_of : ndarray of shape (n_pixels * n_offsets,), int32
+        Written: which of all the rays those are.
+
+    Returns
+    -------
+    int
+        How many rays meet the box.
+    """
+    z, albedo, grid, x0, y0, cell, lamps, ambient = table
+    n, count, at = corners.shape[0] - 1, 0, 0
+    r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
+    r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
+    r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
+    cx, cy, cz = centre[0], centre[1], centre[2]
+    xl, yl, zl = bounds[0, 0], bounds[0, 1], bounds[0, 2]
+    xh, yh, zh = bounds[1, 0], bounds[1, 1], bounds[1, 2]
+    for i in range(pixels.size):
+        row, column = pixels[i] // n, pixels[i] % n
+        for j in range(offsets.shape[0]):
+            u, v = offsets[j, 0], offsets[j, 1]
+            x = _between(corners, row, column, 0, u, v)
+            y = _between(corners, row, column, 1, u, v)
+            dx = r00 * x + r01 * y + r02
+            dy = r10 * x + r11 * y + r12
+            dz = r20 * x + r21 * y + r22
+            near, far = _clip(np.float32(0), np.float32(np.inf), cx, dx, xl, xh)
+            near, far = _clip(near, far, cy, dy, yl, yh)
+            near, far = _clip(near, far, cz, dz, zl, zh)
+            if near <= far:
+                rays[count, 0], rays[count, 1], rays[count, 2] = dx, dy, dz
+                ray_of[count] = at
+                count += 1
+            else:
+                radiance[at] = table_radiance(
+                    cx, cy, cz, dx, dy, dz, z, albedo, grid, x0, y0, cell, lamps, ambient
+                )
+            at += 1
+    return count
+
+
+@njit(cache=True)
+def rough_pixels(radiance: Floats, contrast: np.float32) -> Integers:
+    """Indices of the pixels that differ from one beside, above or below by over `contrast`."""
+    n_rows, n_columns = radiance.shape
+    rough = np.empty(radiance.size, np.int32)
+    count = 0
+    for row in range(n_rows):
+        for column in range(n_columns):
+            here = radiance[row, column]
+            if (
+                abs(radiance[max(row - 1, 0), column] - here) > contrast
+                or abs(radiance[min(row + 1, n_rows - 1), column] - here) > contrast
+                or abs(radiance[row, max(column - 1, 0)] - here) > contrast
+                or abs(radiance[row, min(column + 1, n_columns - 1)] - here) > contrast
+            ):
+                rough[count] = row * n_columns + column
+                count += 1
+    return rough[:count]
+
+
+@njit(inline="always")
+def _between(grid, row, column, k, u, v):  # type: ignore[no-untyped-def]
+    """Channel k of a grid, at the share u and v of the way to the next column and row."""
+    top = grid[row, column, k] + u * (grid[row, column + 1, k] - grid[row, column, k])
+    low = grid[row + 1, column, k] + u * (grid[row + 1, column + 1, k] - grid[row + 1, column, k])
+    return top + v * (low - top)
+
+
+@njit(inline="always")
+def _clip(near, far, o, d, low, high):  # type: ignore[no-untyped-def]
+    """The part of a ray's [near, far] in which it lies between low and high along an axis."""
+    d = d if d != 0 else np.float32(1e-30)
+    a, b = (low - o) / d, (high - o) / d
+    return max(near, min(a, b)), min(far, max(a, b))
