@@ -8,7 +8,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
 from servoscope import dataset_folder
@@ -16,6 +15,7 @@ from servoscope.dataset import PoseImageSet
 from servoscope.dataset_folder import Folder
 from servoscope.errors import FolderExistsError, InvalidInputError
 from servoscope.poses import poses_from_displacements
+from servoscope.processes import in_processes
 from servoscope.robots.free_camera import FreeCamera, Repeatability
 from servoscope.scene.scene import T_WORLD_REF, Scene
 
@@ -193,8 +193,7 @@ def _images(config: AcquisitionConfig, start: int, n_jobs: int) -> Iterator[NDAr
     step = dataset_folder.IMAGES_PER_CHUNK
     edges = [start, *range((start // step + 1) * step, config.n_images, step), config.n_images]
     blocks = [range(a, b) for a, b in pairwise(edges) if a < b]
-    parallel = Parallel(n_jobs=n_jobs, return_as="generator", inner_max_num_threads=1)
-    yield from parallel(delayed(_take_block)(config, block) for block in blocks)
+    return in_processes(_take_block, ((config, block) for block in blocks), n_jobs)
 
 
 def _take_block(config: AcquisitionConfig, block: range) -> NDArray[np.uint8]:

@@ -1,4 +1,4 @@
-"""Rays through the pixels of a camera, and which pixels deserve more of them."""
+"""Rays through the pixels of a camera, and more of them where neighbours differ."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Integers = NDArray[np.int32]
 def aim(
     corners: Floats,
     pixels: Integers,
-    offsets: Floats,
+    offset: tuple[np.float32, np.float32],
     rotation: Floats,
     centre: Floats,
     bounds: Floats,
@@ -33,18 +33,18 @@ def aim(
         Camera coordinates, at unit depth, of the corners of the n x n pixels.
     pixels : ndarray of shape (n_pixels,), int32
         Row times n plus column.
-    offsets : ndarray of shape (n_offsets, 2), float32
+    offset : tuple of 2 float32
         Where in each pixel rays pass, from its left and top, [px].
     rotation, centre : ndarray of shapes (3, 3) and (3,), float32
         Of the camera, camera to world.
     bounds : ndarray of shape (2, 3), float32
         A box about the part.
     table : Table
-    radiance : ndarray of shape (n_pixels * n_offsets,), float32
+    radiance : ndarray of shape (n_pixels,), float32
         Written for the rays that pass the box by.
-    rays : ndarray of shape (n_pixels * n_offsets, 3), float32
+    rays : ndarray of shape (n_pixels, 3), float32
         Written: directions, in the world, of the rays that meet the box.
-    ray_of : ndarray of shape (n_pixels * n_offsets,), int32
+    ray_of : ndarray of shape (n_pixels,), int32
         Written: which of all the rays those are.
 
     Returns
@@ -53,7 +53,8 @@ def aim(
         How many rays meet the box.
     """
     z, albedo, grid, x0, y0, cell, lamps, ambient = table
-    n, count, at = corners.shape[0] - 1, 0, 0
+    n, count = corners.shape[0] - 1, 0
+    u, v = offset
     r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
     r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
     r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
@@ -62,46 +63,56 @@ def aim(
     xh, yh, zh = bounds[1, 0], bounds[1, 1], bounds[1, 2]
     for i in range(pixels.size):
         row, column = pixels[i] // n, pixels[i] % n
-        for j in range(offsets.shape[0]):
-            u, v = offsets[j, 0], offsets[j, 1]
-            x = _between(corners, row, column, 0, u, v)
-            y = _between(corners, row, column, 1, u, v)
-            dx = r00 * x + r01 * y + r02
-            dy = r10 * x + r11 * y + r12
-            dz = r20 * x + r21 * y + r22
-            near, far = _clip(np.float32(0), np.float32(np.inf), cx, dx, xl, xh)
-            near, far = _clip(near, far, cy, dy, yl, yh)
-            near, far = _clip(near, far, cz, dz, zl, zh)
-            if near <= far:
-                rays[count, 0], rays[count, 1], rays[count, 2] = dx, dy, dz
-                ray_of[count] = at
-                count += 1
-            else:
-                radiance[at] = table_radiance(
-                    cx, cy, cz, dx, dy, dz, z, albedo, grid, x0, y0, cell, lamps, ambient
-                )
-            at += 1
+        x = _between(corners, row, column, 0, u, v)
+        y = _between(corners, row, column, 1, u, v)
+        dx = r00 * x + r01 * y + r02
+        dy = r10 * x + r11 * y + r12
+        dz = r20 * x + r21 * y + r22
+        near, far = _clip(np.float32(0), np.float32(np.inf), cx, dx, xl, xh)
+        near, far = _clip(near, far, cy, dy, yl, yh)
+        near, far = _clip(near, far, cz, dz, zl, zh)
+        if near <= far:
+            rays[count, 0], rays[count, 1], rays[count, 2] = dx, dy, dz
+            ray_of[count] = i
+            count += 1
+        else:
+            radiance[i] = table_radiance(
+                cx, cy, cz, dx, dy, dz, z, albedo, grid, x0, y0, cell, lamps, ambient
+            )
     return count
 
 
 @njit(cache=True)
-def rough_pixels(radiance: Floats, contrast: np.float32) -> Integers:
-    """Indices of the pixels that differ from one beside, above or below by over `contrast`."""
+def steep_pixels(radiance: Floats, down: int, along: int, contrast: float) -> Integers:
+    """Indices of pixels that differ by over `contrast` from the one so far down and along."""
     n_rows, n_columns = radiance.shape
-    rough = np.empty(radiance.size, np.int32)
+    steep = np.empty(radiance.size, np.int32)
     count = 0
-    for row in range(n_rows):
-        for column in range(n_columns):
-            here = radiance[row, column]
-            if (
-                abs(radiance[max(row - 1, 0), column] - here) > contrast
-                or abs(radiance[min(row + 1, n_rows - 1), column] - here) > contrast
-                or abs(radiance[row, max(column - 1, 0)] - here) > contrast
-                or abs(radiance[row, min(column + 1, n_columns - 1)] - here) > contrast
-            ):
-                rough[count] = row * n_columns + column
+    for row in range(n_rows - down):
+        for column in range(n_columns - along):
+            if abs(radiance[row + down, column + along] - radiance[row, column]) > contrast:
+                steep[count] = row * n_columns + column
                 count += 1
-    return rough[:count]
+    return steep[:count]
+
+
+@njit(cache=True)
+def average_in(
+    middle: Floats, between: Floats, pixels: Integers, step: int, radiance: Floats
+) -> None:
+    """Let what is seen between pixels and their neighbours, `step` on, count in both.
+
+    Notes
+    -----
+    The mean over a pixel is taken as 1/3 of its middle and 1/6 of the middle of each side, which
+    is exact for polynomials of third degree. Where a neighbour is alike, its side counts as the
+    middle does.
+    """
+    share = np.float32(1 / 6)
+    for j in range(pixels.size):
+        here, there = pixels[j], pixels[j] + step
+        radiance[here] += share * (between[j] - middle[here])
+        radiance[there] += share * (between[j] - middle[there])
 
 
 @njit(inline="always")

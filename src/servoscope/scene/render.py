@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from servoscope.scene.aiming import aim, rough_pixels
+from servoscope.scene.aiming import aim, average_in, steep_pixels
 from servoscope.scene.geometry import geometry_of
 from servoscope.scene.grain import grain_tile
 from servoscope.scene.lens import Lens
@@ -23,11 +23,10 @@ Floats = NDArray[np.float32]
 FEWEST_SAMPLES = 128
 """Samples along each side of an image at the least; smaller images are averaged down."""
 
-CONTRAST = 0.08
-"""Pixels that differ from a neighbour by more radiance than this are looked at closely."""
+CONTRAST = 0.1
+"""Between pixels that differ by more radiance than this another ray is cast."""
 
-_CENTRE = np.array([[0.5, 0.5]], np.float32)
-_DIAGONAL = np.array([[0.25, 0.25], [0.75, 0.75]], np.float32)
+_MIDDLE, _RIGHT, _BELOW = (0.5, 0.5), (1.0, 0.5), (0.5, 1.0)
 
 
 def render(
@@ -59,8 +58,8 @@ def render(
 def render_radiance(scene: Scene, T_world_cam: ArrayLike) -> Floats:
     """The light that falls on each pixel, 1 being white under full light.
 
-    One ray is cast through the middle of each pixel, and two more through each pixel that
-    differs from a neighbour.
+    One ray is cast through the middle of each pixel, and one more between pixels that differ
+    from each other.
 
     Parameters
     ----------
@@ -76,22 +75,35 @@ def render_radiance(scene: Scene, T_world_cam: ArrayLike) -> Floats:
     size = scene.image_size
     finer = -(-FEWEST_SAMPLES // size)
     n = size * finer
-    radiance = _trace(scene, pose, np.arange(n * n, dtype=np.int32), _CENTRE).reshape(n, n)
-    rough = rough_pixels(radiance, np.float32(CONTRAST))
-    closer = _trace(scene, pose, rough, _DIAGONAL).reshape(-1, len(_DIAGONAL)).sum(axis=1)
-    radiance.ravel()[rough] = (radiance.ravel()[rough] + closer) / (1 + len(_DIAGONAL))
+    middle = _trace(scene, pose, np.arange(n * n, dtype=np.int32), _MIDDLE)
+    radiance = middle.copy()
+    for down, along, offset in ((0, 1, _RIGHT), (1, 0, _BELOW)):
+        pixels = steep_pixels(middle.reshape(n, n), down, along, CONTRAST)
+        between = _trace(scene, pose, pixels, offset)
+        average_in(middle, between, pixels, down * n + along, radiance)
     return radiance.reshape(size, finer, size, finer).mean(axis=(1, 3))
 
 
-def _trace(scene: Scene, pose: Floats, pixels: NDArray[np.int32], offsets: Floats) -> Floats:
-    """Radiance along the rays through each pixel at each offset."""
-    n = len(pixels) * len(offsets)
+def _trace(
+    scene: Scene, pose: Floats, pixels: NDArray[np.int32], offset: tuple[float, float]
+) -> Floats:
+    """Radiance along the ray through each pixel at an offset from its left and top, [px]."""
+    n = len(pixels)
     cell = _cell(scene)
     corners = _pixel_corners(scene.lens, scene.image_size)
     rotation, centre = np.ascontiguousarray(pose[:3, :3]), np.ascontiguousarray(pose[:3, 3])
     radiance, rays, ray_of = np.empty(n, np.float32), _empty_rays(n), np.empty(n, np.int32)
     count = aim(
-        corners, pixels, offsets, rotation, centre, cell.bounds, cell.table, radiance, rays, ray_of
+        corners,
+        pixels,
+        (np.float32(offset[0]), np.float32(offset[1])),
+        rotation,
+        centre,
+        cell.bounds,
+        cell.table,
+        radiance,
+        rays,
+        ray_of,
     )
     rays, ray_of = rays[:count], ray_of[:count]
     found = cell.tree.run(np.broadcast_to(centre, rays.shape), rays, output=True)
