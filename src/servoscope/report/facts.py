@@ -11,7 +11,7 @@ from typing import Any
 from servoscope import __version__
 from servoscope.poses import DOFS
 from servoscope.report.agreement import compare_with_paper, is_simulated, mean_rms
-from servoscope.report.figures.catalogue import FigureFile
+from servoscope.report.figures.rendering import FigureFile
 from servoscope.report.names import DOF_LABELS, DOF_UNITS, FORM_NAMES, PROTOCOL_NAMES
 from servoscope.report.reasons import explain_differences
 from servoscope.report.run_data import RunData, Unit
@@ -19,6 +19,7 @@ from servoscope.report.tables import (
     information_table,
     ranking_table,
     rms_table,
+    stability_table,
     subset_table,
 )
 from servoscope.report.verdict import describe_accuracy
@@ -65,6 +66,7 @@ def describe_figure(file: FigureFile) -> dict[str, Any]:
 
 def describe_unit(unit: Unit, figures: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """The tables and figures of one protocol and displacement form."""
+    names = [f"{unit.key}_{kind}" for kind in FIGURE_KINDS]
     return {
         "key": unit.key.replace("_", "-"),
         "protocol": unit.protocol,
@@ -77,7 +79,8 @@ def describe_unit(unit: Unit, figures: dict[str, dict[str, Any]]) -> dict[str, A
         "table3": subset_table(unit.results),
         "mean_selected": mean_rms(unit.results["table3"]),
         "mi": information_table(unit.results),
-        "figures": [figures[f"{unit.key}_{kind}"] for kind in FIGURE_KINDS],
+        "stability": stability_table(unit.results),
+        "figures": [figures[name] for name in names if name in figures],
     }
 
 

@@ -9,7 +9,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from servoscope.files import write_text
 from servoscope.report.facts import collect_facts
-from servoscope.report.figures.catalogue import draw_figures, list_figures
+from servoscope.report.figures.catalogue import list_figures
+from servoscope.report.figures.rendering import draw_figures
 from servoscope.report.run_data import read_run
 
 

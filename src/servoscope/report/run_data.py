@@ -18,7 +18,7 @@ from servoscope.study.run_folder import VERSION, read_json, read_settings
 Arrays = dict[str, NDArray[Any]]
 
 RESULTS = (
-    "table1 table2 table3 mi mi_null_level ranking sweep stability ranges".split()  # noqa: SIM905
+    "table1 table2 table3 baseline mi mi_null_level ranking sweep stability ranges".split()  # noqa: SIM905
 )
 """What a summary tells for each protocol and displacement form."""
 
@@ -139,8 +139,8 @@ def _check_summary(path: Path, summary: dict[str, Any]) -> None:
 
 def _read_arrays(path: Path, expected: list[str] | tuple[str, ...]) -> Arrays:
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in expected}
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in expected}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise _damaged(path, str(error).strip("'\"")) from error
 

@@ -76,6 +76,24 @@ def information_table(results: dict[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
+def stability_table(results: dict[str, Any]) -> list[dict[str, Any]]:
+    """How the order depends on the bins: one row a number of bins.
+
+    Each of its ``cells`` tells how many first ``steps`` are those of the study's own number of
+    bins, and the ``overlap`` of the features selected, 0 to 1.
+    """
+    rows = [results["stability"][dof] for dof in DOFS]
+    return [
+        {
+            "n_bins": same_bins[0]["n_bins"],
+            "cells": [
+                {"steps": cell["same_steps"], "overlap": cell["overlap"]} for cell in same_bins
+            ],
+        }
+        for same_bins in zip(*rows, strict=True)
+    ]
+
+
 def _rms_row(
     title: str, name: str, row: dict[str, dict[str, Any]], published: dict[str, float] | None
 ) -> dict[str, Any]:

@@ -48,7 +48,7 @@ CAPTIONS = {
     ),
     "eigenvectors": Caption(
         "First twelve eigenvectors of the training images",
-        f"In order of variance. {SIGNED} They do not depend on the form of the displacement.",
+        f"In order of variance. {SIGNED} They are the same for both forms of the displacement.",
         "Twelve signed pictures, from broad patterns to finer ones.",
         4,
     ),

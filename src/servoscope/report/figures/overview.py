@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from servoscope.features.moments import PAPER_SLICES
 from servoscope.poses import DOFS
+from servoscope.report.figures.mosaic import plot_mosaic
 from servoscope.report.figures.panels import ACCENT, FAMILY_STYLES, MUTED, SMALL, dress, new_axes
-from servoscope.report.figures.pictures import plot_image, plot_slice
+from servoscope.report.figures.pictures import GREYS, Slices, plot_slices
 from servoscope.report.names import DOF_LABELS
 from servoscope.study.paper import FAMILIES, FAMILY_TITLES
 
@@ -33,11 +33,11 @@ def plot_family_errors(results: dict[str, Any], *, ax: Axes | None = None) -> Ax
     offsets = np.linspace(-0.3, 0.3, len(FAMILIES) + 1)
     for family, offset in zip(FAMILIES, offsets, strict=False):
         errors = [results["table1"][family][dof]["rms"] for dof in DOFS]
-        style = {**FAMILY_STYLES[family], "label": FAMILY_TITLES[family]}
+        style: dict[str, Any] = {**FAMILY_STYLES[family], "label": FAMILY_TITLES[family]}
         ax.plot(places + offset, errors, linestyle="", markersize=5, markeredgewidth=0, **style)
     selected = [results["table3"][dof] for dof in DOFS]
     rms = [cell["rms"] for cell in selected]
-    star = {"linestyle": "", "marker": "*", "color": ACCENT, "markersize": 9}
+    star: dict[str, Any] = {"linestyle": "", "marker": "*", "color": ACCENT, "markersize": 9}
     ax.plot(places + offsets[-1], rms, label=SELECTED, **star)
     for place in places[1:]:
         ax.axvline(place - 0.5, color=MUTED, linewidth=0.3)
@@ -54,23 +54,25 @@ def plot_family_errors(results: dict[str, Any], *, ax: Axes | None = None) -> Ax
     return ax
 
 
-def draw_overview(reference_image: NDArray[np.uint8], results: dict[str, Any]) -> Figure:
-    """The reference image, its three slices, and the errors of all families."""
-    height, width = reference_image.shape
-    picture = 2.7
-    small = picture / 3 - 0.1
-    tall = picture * min(max(height / width, 0.5), 1.3)
-    total_x, total_y = 9.6, tall + 0.75
+def draw_overview(
+    reference_image: NDArray[np.uint8], slices: Slices, results: dict[str, Any]
+) -> Figure:
+    """The reference image, its slices, and the errors of all families."""
+    ratio = min(max(reference_image.shape[0] / reference_image.shape[1], 0.5), 1.3)
+    tall, total_x = 3.0, 9.6
+    total_y = tall + 0.75
     figure = Figure(figsize=(total_x, total_y), facecolor="white")
 
-    def place(x: float, y: float, w: float, h: float) -> Axes:
-        return figure.add_axes((x / total_x, y / total_y, w / total_x, h / total_y))
+    def place(x: float, width: float, height: float) -> Axes:
+        return figure.add_axes(
+            (x / total_x, 0.42 / total_y, width / total_x, height / total_y), anchor="SW"
+        )
 
-    plot_image(reference_image, title="what the camera sees", ax=place(0.1, 0.45, picture, tall))
-    step = tall / 3
-    for i, (lower, upper) in enumerate(PAPER_SLICES):
-        box = place(picture + 0.25, 0.45 + (2 - i) * step, small, step - 0.17)
-        plot_slice(reference_image, lower, upper, ax=box)
-    chart = place(picture + small + 0.95, 0.45, total_x - picture - small - 1.05, tall - 0.12)
-    plot_family_errors(results, ax=chart)
+    picture = min(tall / ratio, 3.2)
+    small = tall / (len(slices) * (ratio + 0.2))
+    seen = place(0.05, picture, tall + 0.3)
+    plot_mosaic([reference_image], ["what the camera sees"], ax=seen, **GREYS)
+    plot_slices(reference_image, slices, n_columns=1, ax=place(picture + 0.2, small, tall + 0.1))
+    left = picture + small + 0.9
+    plot_family_errors(results, ax=place(left, total_x - left - 0.1, tall - 0.05))
     return figure

@@ -59,11 +59,6 @@ class Layout:
         return figure, panels
 
 
-def picture_layout(shape: tuple[int, int], n_columns: int = 6, width: float = 1.18) -> Layout:
-    """Panels for pictures of the given height and width, [px]."""
-    return Layout(n_columns, width, width * min(max(shape[0] / shape[1], 0.3), 2.0))
-
-
 def new_axes() -> Axes:
     """Axes of a figure of their own."""
     return Figure(figsize=(3.2, 2.6), layout="constrained").add_subplot()

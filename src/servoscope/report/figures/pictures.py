@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,94 +10,110 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from servoscope.features.moments import PAPER_SLICES
 from servoscope.poses import DOFS
-from servoscope.report.figures.panels import INK, MUTED, NORMAL, SIGNED, new_axes, picture_layout
+from servoscope.report.figures.mosaic import mosaic_corners, new_mosaic, plot_mosaic
+from servoscope.report.figures.panels import SIGNED
 from servoscope.report.names import DOF_LABELS
 
 Array = NDArray[Any]
+Slices = Sequence[tuple[int, int]]
+
+GREYS: dict[str, Any] = {"cmap": "gray", "vmin": 0, "vmax": 255}
 
 
-def plot_image(image: ArrayLike, *, title: str = "", ax: Axes | None = None) -> Axes:
-    """A grey image of 0 (black) to 255 (white)."""
-    return _show(image, title, ax, cmap="gray", vmin=0, vmax=255)
-
-
-def plot_slice(image: ArrayLike, lower: int, upper: int, *, ax: Axes | None = None) -> Axes:
-    """The pixels of ``lower <= grey < upper``, stretched over the greys, on white."""
+def plot_slices(
+    image: ArrayLike, slices: Slices, *, n_columns: int = 6, ax: Axes | None = None
+) -> Axes:
+    """The pixels of each ``lower <= grey < upper``, stretched over the greys, on white."""
     image = np.asarray(image)
-    inside = (image >= lower) & (image < upper)
-    shown = np.where(inside, 200.0 * (image.astype(float) - lower) / (upper - lower), 255.0)
-    return _show(shown, f"grey {lower} to {upper - 1}", ax, cmap="gray", vmin=0, vmax=255)
+    shown = [_stretch(image, *bounds) for bounds in slices]
+    titles = [f"grey {lower} to {upper - 1}" for lower, upper in slices]
+    return plot_mosaic(shown, titles, n_columns=n_columns, ax=ax, **GREYS)
 
 
-def plot_signed(vector: ArrayLike, *, title: str = "", ax: Axes | None = None) -> Axes:
-    """A signed picture, zero in the middle of the map."""
-    limit = float(np.abs(vector).max()) or 1.0
-    return _show(vector, title, ax, cmap=SIGNED, vmin=-limit, vmax=limit)
-
-
-def plot_magnitude(picture: ArrayLike, *, title: str = "", ax: Axes | None = None) -> Axes:
-    """A picture that has no negative values, black for 0."""
-    return _show(picture, title, ax, cmap="gray", vmin=0, vmax=float(np.max(picture)) or 1.0)
+def plot_signed(
+    vectors: ArrayLike, titles: Sequence[str], *, n_columns: int = 6, ax: Axes | None = None
+) -> Axes:
+    """Signed pictures, each on its own scale, zero in the middle of the map."""
+    mapping: dict[str, Any] = {"cmap": SIGNED, "vmin": -1, "vmax": 1}
+    return plot_mosaic(_unit_scale(vectors), titles, n_columns=n_columns, ax=ax, **mapping)
 
 
 def plot_locations(
-    filtered: ArrayLike, locations: ArrayLike, *, title: str = "", ax: Axes | None = None
+    filtered: ArrayLike,
+    locations: ArrayLike,
+    titles: Sequence[str],
+    *,
+    n_columns: int = 6,
+    ax: Axes | None = None,
 ) -> Axes:
-    """A filtered covariance picture with crosses at the chosen rows and columns."""
-    ax = plot_magnitude(filtered, title=title, ax=ax)
-    rows, columns = np.asarray(locations).T
+    """Filtered covariance, black for 0, with crosses at the chosen rows and columns.
+
+    Parameters
+    ----------
+    filtered : array of shape (n, height, width)
+    locations : array of shape (n, n_locations, 2)
+    titles : sequence of n str
+    """
+    pictures, locations = _unit_scale(filtered), np.asarray(locations)
+    mapping: dict[str, Any] = {"cmap": "gray", "vmin": 0, "vmax": 1}
+    ax = plot_mosaic(pictures, titles, n_columns=n_columns, ax=ax, **mapping)
+    corners = mosaic_corners(pictures.shape[1:], len(pictures), n_columns)
+    crosses = locations[..., ::-1] + np.array(list(corners))[:, None, :]
     for color, width in (("black", 2.2), ("white", 1.0)):
-        ax.plot(columns, rows, "+", color=color, markersize=6, markeredgewidth=width)
+        style: dict[str, Any] = {"color": color, "markersize": 6, "markeredgewidth": width}
+        ax.plot(*crosses.reshape(-1, 2).T, "+", scalex=False, scaley=False, **style)
     return ax
-
-
-def draw_slices(reference_image: Array) -> Figure:
-    """The reference image beside its three intensity slices (figure 3)."""
-    figure, panels = picture_layout(reference_image.shape, 4, 1.8).make(4)
-    plot_image(reference_image, title="reference image", ax=panels[0])
-    for ax, (lower, upper) in zip(panels[1:], PAPER_SLICES, strict=True):
-        plot_slice(reference_image, lower, upper, ax=ax)
-    return figure
 
 
 def draw_reference(reference_image: Array) -> Figure:
     """The reference image alone."""
-    figure, (ax,) = picture_layout(reference_image.shape, 1, 2.6).make(1)
-    plot_image(reference_image, title="reference image", ax=ax)
+    height, width = reference_image.shape
+    figure = Figure(figsize=(2.7, 2.7 * height / width), facecolor="white")
+    ax = figure.add_axes((0, 0, 1, 1))
+    ax.imshow(reference_image, aspect="auto", **GREYS)
+    ax.axis("off")
+    return figure
+
+
+def draw_slices(reference_image: Array, slices: Slices) -> Figure:
+    """The reference image beside its intensity slices (figure 3)."""
+    titles = ["reference image", *(f"grey {lower} to {upper - 1}" for lower, upper in slices)]
+    shown = [reference_image, *(_stretch(reference_image, *bounds) for bounds in slices)]
+    figure, ax = new_mosaic(reference_image.shape, len(shown), n_columns=4, width=1.8)
+    plot_mosaic(shown, titles, n_columns=4, ax=ax, **GREYS)
     return figure
 
 
 def draw_eigenvectors(eigenvectors: Array) -> Figure:
     """The first eigenvectors of the training images (figure 4)."""
-    figure, panels = picture_layout(eigenvectors.shape[1:]).make(len(eigenvectors))
-    for i, (ax, vector) in enumerate(zip(panels, eigenvectors, strict=True)):
-        plot_signed(vector, title=f"e_{i:02d}", ax=ax)
+    titles = [f"e_{i:02d}" for i in range(len(eigenvectors))]
+    figure, ax = new_mosaic(eigenvectors.shape[1:], len(eigenvectors))
+    plot_signed(eigenvectors, titles, ax=ax)
     return figure
 
 
 def draw_signed(vectors: Array, prefix: str = "") -> Figure:
     """One signed picture for each degree of freedom (figures 5, 6 and 8)."""
-    figure, panels = picture_layout(vectors.shape[1:]).make(len(DOFS))
-    for dof, ax, vector in zip(DOFS, panels, vectors, strict=True):
-        plot_signed(vector, title=f"{prefix}{dof}" if prefix else DOF_LABELS[dof], ax=ax)
+    titles = [f"{prefix}{dof}" if prefix else DOF_LABELS[dof] for dof in DOFS]
+    figure, ax = new_mosaic(vectors.shape[1:], len(vectors))
+    plot_signed(vectors, titles, ax=ax)
     return figure
 
 
 def draw_locations(filtered: Array, locations: Array) -> Figure:
     """The filtered covariance and the chosen locations of each degree of freedom (figure 7)."""
-    figure, panels = picture_layout(filtered.shape[1:]).make(len(DOFS))
-    for dof, ax, picture, chosen in zip(DOFS, panels, filtered, locations, strict=True):
-        plot_locations(picture, chosen, title=DOF_LABELS[dof], ax=ax)
+    figure, ax = new_mosaic(filtered.shape[1:], len(filtered))
+    plot_locations(filtered, locations, list(DOF_LABELS.values()), ax=ax)
     return figure
 
 
-def _show(picture: ArrayLike, title: str, ax: Axes | None, **mapping: Any) -> Axes:
-    ax = new_axes() if ax is None else ax
-    ax.imshow(picture, aspect="equal", **mapping)
-    ax.set(xticks=[], yticks=[])
-    ax.set_title(title, fontsize=NORMAL, color=INK, pad=3)
-    for spine in ax.spines.values():
-        spine.set(linewidth=0.5, color=MUTED)
-    return ax
+def _stretch(image: Array, lower: int, upper: int) -> Array:
+    inside = (image >= lower) & (image < upper)
+    return np.where(inside, 200.0 * (image.astype(float) - lower) / (upper - lower), 255.0)
+
+
+def _unit_scale(pictures: ArrayLike) -> Array:
+    pictures = np.asarray(pictures)
+    limits = np.abs(pictures).max(axis=(1, 2), keepdims=True)
+    return pictures / np.where(limits > 0, limits, 1.0)

@@ -23,7 +23,7 @@ from servoscope.report.figures.panels import (
 from servoscope.report.names import DOF_LABELS, DOF_UNITS, feature_family
 
 STEP = 4
-"""The step of the selection that the plane shows, from 1; the paper's figure 10 shows its fourth."""
+"""The step of the selection that the plane shows, from 1; the paper shows the fourth too."""
 
 CHARTS = Layout(3, 2.0, 1.55, gap_x=0.55, gap_y=0.62, left=0.5, right=0.08, bottom=0.4, top=0.25)
 
@@ -73,13 +73,13 @@ def plot_selection_plane(
     _draw_contours(ax, ideal, right, top)
     for family in ("gm", "pca", "pci"):
         members = [i for i in remain if feature_family(names[i]) == family]
-        style = {**FAMILY_STYLES[family], "markersize": 3, "markeredgewidth": 0}
+        style: dict[str, Any] = {**FAMILY_STYLES[family], "markersize": 3, "markeredgewidth": 0}
         ax.plot(redundancy[members], relevance[members], linestyle="", **style)
     x, y = redundancy[chosen], relevance[chosen]
     ax.plot(x, y, "o", markersize=9, markerfacecolor="none", markeredgecolor=ACCENT)
     _name_point(ax, names[chosen], x, y, right)
     ax.set(xlim=(0, right), ylim=(0, top))
-    return dress(ax, title=title, xlabel=r"$\sum_k I(f; f_k)$ [bits]", ylabel="$I(f; y)$ [bits]")
+    return dress(ax, title=title, xlabel="sum of I(f; f_k) [bits]", ylabel="I(f; y) [bits]")
 
 
 def draw_best_features(
@@ -107,9 +107,10 @@ def draw_selection_planes(
 
 
 def _draw_contours(ax: Axes, ideal: float, right: float, top: float) -> None:
-    x, y = np.meshgrid(np.linspace(0, right, 60), np.linspace(0, top, 60))
-    distance = np.hypot(x, ideal - y)
-    ax.contour(x, y, distance, levels=9, colors=MUTED, linewidths=0.5, alpha=0.7)
+    angles = np.linspace(-np.pi / 2, np.pi / 2, 181)[:, None]
+    radii = np.linspace(0, np.hypot(right, max(ideal, top - ideal)), 11)[1:-1]
+    x, y = radii * np.cos(angles), ideal + radii * np.sin(angles)
+    ax.plot(x, y, color=MUTED, linewidth=0.5, alpha=0.7, label="_contour")
 
 
 def _name_point(ax: Axes, name: str, x: float, y: float, right: float) -> None:

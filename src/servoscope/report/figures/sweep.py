@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import operator
+from functools import partial
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -19,7 +21,7 @@ from servoscope.report.figures.panels import (
 )
 from servoscope.report.names import DOF_LABELS, DOF_UNITS
 
-CHARTS = Layout(3, 1.85, 1.6, gap_x=0.72, gap_y=0.62, left=0.45, right=0.5, bottom=0.4, top=0.3)
+CHARTS = Layout(3, 1.85, 1.6, gap_x=0.95, gap_y=0.62, left=0.45, right=0.5, bottom=0.4, top=0.3)
 
 
 def plot_sweep(
@@ -55,11 +57,13 @@ def plot_sweep(
     if published is not None:
         ax.axhline(published, color=ACCENT, linewidth=0.8, linestyle=":")
     for threshold, error, point in zip(thresholds, errors, sweep, strict=True):
-        place = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center"}
+        place: dict[str, Any] = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center"}
         ax.annotate(str(point["n_features"]), (threshold, error), fontsize=SMALL - 1.5, **place)
     ax.set_ylim(0, 1.18 * max(*errors, published or 0.0, ax.get_ylim()[1] / 1.1, 1e-6))
     dress(ax, title=DOF_LABELS[dof], xlabel="threshold [bits]", ylabel="RMS [of range]")
-    second = ax.secondary_yaxis("right", functions=(lambda y: y * scale, lambda y: y / scale))
+    scale = scale or 1.0  # a dof that never moved has no range
+    functions = (partial(operator.mul, scale), partial(operator.mul, 1 / scale))
+    second = ax.secondary_yaxis("right", functions=functions)
     second.set_ylabel(f"[{DOF_UNITS[dof]}]", fontsize=SMALL, color=MUTED, labelpad=1)
     second.tick_params(labelsize=SMALL - 0.5, length=2.5, width=0.6, colors=MUTED)
     second.spines["right"].set(linewidth=0.6, color=MUTED)
