@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any
@@ -139,13 +139,16 @@ def acquire(
     start = _begin(folder, plan, config)
     if start is None:
         return PoseImageSet.load(folder)
-    for images in _images(config, start, n_jobs):
+    blocks = _blocks(start, config.n_images)
+    n_jobs = n_jobs if len(blocks) > 1 else 1
+    for images in in_processes(_take_block, ((config, block) for block in blocks), n_jobs):
         dataset_folder.write_images(folder, start, images)
         start += len(images)
         dataset_folder.write_progress(folder, plan, start)
         if on_progress is not None:
             on_progress(start)
-    _finish(folder, plan, config)
+    (reference_image,) = in_processes(_take_reference, [(config,)], n_jobs)
+    _finish(folder, plan, config, reference_image)
     return PoseImageSet.load(folder)
 
 
@@ -170,11 +173,15 @@ def _begin(folder: Folder, plan: dict[str, Any], config: AcquisitionConfig) -> i
     return 0
 
 
-def _finish(folder: Folder, plan: dict[str, Any], config: AcquisitionConfig) -> None:
-    rng = np.random.default_rng([config.seed, _REFERENCE])
+def _finish(
+    folder: Folder,
+    plan: dict[str, Any],
+    config: AcquisitionConfig,
+    reference_image: NDArray[np.uint8],
+) -> None:
     dataset_folder.finish(
         folder,
-        reference_image=FreeCamera(config.scene(), rng=rng).read(),
+        reference_image=reference_image,
         T_world_ref=T_WORLD_REF,
         T_world_cam=config.poses(),
         names=[f"{i:06d}" for i in range(config.n_images)],
@@ -188,12 +195,11 @@ def _finish(folder: Folder, plan: dict[str, Any], config: AcquisitionConfig) -> 
     )
 
 
-def _images(config: AcquisitionConfig, start: int, n_jobs: int) -> Iterator[NDArray[np.uint8]]:
+def _blocks(start: int, stop: int) -> list[range]:
     """The images from `start` on, in blocks that fill the chunks of the stack."""
     step = dataset_folder.IMAGES_PER_CHUNK
-    edges = [start, *range((start // step + 1) * step, config.n_images, step), config.n_images]
-    blocks = [range(a, b) for a, b in pairwise(edges) if a < b]
-    return in_processes(_take_block, ((config, block) for block in blocks), n_jobs)
+    edges = [start, *range((start // step + 1) * step, stop, step), stop]
+    return [range(a, b) for a, b in pairwise(edges) if a < b]
 
 
 def _take_block(config: AcquisitionConfig, block: range) -> NDArray[np.uint8]:
@@ -205,3 +211,8 @@ def _take_block(config: AcquisitionConfig, block: range) -> NDArray[np.uint8]:
         camera.move_to(poses[i])
         images.append(camera.read())
     return np.stack(images)
+
+
+def _take_reference(config: AcquisitionConfig) -> NDArray[np.uint8]:
+    rng = np.random.default_rng([config.seed, _REFERENCE])
+    return FreeCamera(config.scene(), rng=rng).read()
