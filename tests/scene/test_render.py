@@ -69,6 +69,17 @@ def test_bare_table_has_the_light_of_the_closed_form() -> None:
     np.testing.assert_allclose(radiance, TABLE.albedo * expected, rtol=2e-4)
 
 
+def test_light_on_the_table_near_the_part_is_that_of_the_closed_form(see: See) -> None:
+    lamp = PointLight(position=(0.0, -1.0, 1.0), strength=0.7)
+    scene = Scene(lighting=Lighting(lamps=(lamp,), ambient=0.0), image_size=128)
+    radiance = render_radiance(scene, T_WORLD_REF)
+    for x, y in [(0.0, -0.13), (0.05, -0.15), (-0.08, -0.16)]:
+        column, row = see(scene, T_WORLD_REF, [[x, y, TABLE_Z]])[0].round().astype(int)
+        to_lamp = np.array(lamp.position) - [x, y, TABLE_Z]
+        expected = TABLE.albedo * lamp.strength * to_lamp[2] / np.linalg.norm(to_lamp) ** 3
+        assert radiance[row, column] == pytest.approx(expected, rel=0.01)
+
+
 def test_without_lamps_the_bare_table_has_the_ambient_light_alone() -> None:
     scene = Scene(lighting=Lighting(lamps=(), ambient=0.5), image_size=32)
     np.testing.assert_allclose(render_radiance(scene, OVER_BARE_TABLE), 0.5 * 0.9, rtol=1e-6)

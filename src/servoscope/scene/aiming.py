@@ -53,7 +53,7 @@ def aim(
         How many rays meet the box.
     """
     z, albedo, grid, x0, y0, cell, lamps, ambient = table
-    n, count = corners.shape[0] - 1, 0
+    n, count = np.uint32(corners.shape[0] - 1), 0
     u, v = offset
     r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
     r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
@@ -62,7 +62,8 @@ def aim(
     xl, yl, zl = bounds[0, 0], bounds[0, 1], bounds[0, 2]
     xh, yh, zh = bounds[1, 0], bounds[1, 1], bounds[1, 2]
     for i in range(pixels.size):
-        row, column = pixels[i] // n, pixels[i] % n
+        row = np.int32(np.uint32(pixels[i]) // n)
+        column = pixels[i] - row * np.int32(n)
         x = _between(corners, row, column, 0, u, v)
         y = _between(corners, row, column, 1, u, v)
         dx = r00 * x + r01 * y + r02

@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from servoscope.scene.grain import N_TEXELS
 from servoscope.scene.shadows import DARK, IN_PART, LIFT
 from servoscope.scene.table import Table, table_radiance
 
@@ -165,13 +166,12 @@ def _grain_at(grain, x, y, z, milled):  # type: ignore[no-untyped-def]
         across, along = np.sqrt(x * x + y * y), y * np.float32(0.1)
     else:
         across, along = x + np.float32(0.6) * z, y - np.float32(0.5) * z
-    size = np.int32(grain.shape[0])
-    u = np.float32(1e3) * across + np.float32(2 * size)
-    v = np.float32(1e3) * along + np.float32(2 * size)
+    u = np.float32(1e3) * across + np.float32(2 * N_TEXELS)
+    v = np.float32(1e3) * along + np.float32(2 * N_TEXELS)
     column, row = np.int32(u), np.int32(v)
     u, v = u - np.float32(column), v - np.float32(row)
-    column, row = column % size, row % size
-    right, below = (column + 1) % size, (row + 1) % size
+    column, row = column % N_TEXELS, row % N_TEXELS
+    right, below = (column + 1) % N_TEXELS, (row + 1) % N_TEXELS
     one = np.float32(1)
     top, low = (one - u) * (one - v), u * (one - v)
     left, far = (one - u) * v, u * v
