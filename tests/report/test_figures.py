@@ -49,9 +49,9 @@ def test_displacements_are_drawn_in_mm_and_degrees():
 
 
 def test_plane_circles_and_names_the_candidate_nearest_to_the_ideal_point():
-    # from the ideal point (0, 1): x_50 is selected already, y_50 at 0.5, e_00 at 0.4
-    relevance, redundancy = [2.0, 1.0, 0.6], [np.nan, 0.5, 0.0]
-    ax = plot_selection_plane(relevance, redundancy, ["x_50", "y_50", "e_00"])
+    # x_50 is selected already; the others are 0.5, 0.4 and 0.9 from the ideal point (0, 1)
+    relevance, redundancy = [2.0, 1.0, 0.6, 0.1], [np.nan, 0.5, 0.0, 0.0]
+    ax = plot_selection_plane(relevance, redundancy, ["x_50", "y_50", "e_00", "e_01"])
     assert texts(ax) == ["e_00"]
     (circle,) = [line for line in ax.lines if line.get_markerfacecolor() == "none"]
     assert (circle.get_xdata(), circle.get_ydata()) == ([0.0], [0.6])

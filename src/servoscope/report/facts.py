@@ -6,6 +6,7 @@ import base64
 import platform
 import shlex
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 from servoscope import __version__
@@ -32,7 +33,7 @@ def collect_facts(run: RunData, files: list[FigureFile]) -> dict[str, Any]:
     figures = {file.name: describe_figure(file) for file in files}
     units = [describe_unit(unit, figures) for unit in run.units]
     return {
-        "title": f"Study of {run.summary['dataset']['source'].get('kind', 'a data set')}",
+        "title": f"Study of {name_data_set(run.summary['dataset']['source'])}",
         "data": describe_data(run),
         "verdict": describe_accuracy(run.units[0]),
         "reference": figures["reference"],
@@ -51,6 +52,18 @@ def collect_facts(run: RunData, files: list[FigureFile]) -> dict[str, Any]:
         "dofs": [DOF_LABELS[dof] for dof in DOFS],
         "dof_units": [DOF_UNITS[dof] for dof in DOFS],
     }
+
+
+def name_data_set(source: dict[str, Any]) -> str:
+    """What the images are of, or the folder that they came from.
+
+    Examples
+    --------
+    >>> name_data_set({"format": "tum", "folder": "/data/desk"})
+    'desk'
+    """
+    folder = Path(str(source.get("folder", ""))).name
+    return str(source.get("kind") or folder or "a data set")
 
 
 def describe_figure(file: FigureFile) -> dict[str, Any]:
@@ -89,7 +102,6 @@ def describe_data(run: RunData) -> dict[str, Any]:
     dataset = run.summary["dataset"]
     height, width = dataset["image_shape"]
     return {
-        "name": dataset["source"].get("kind", "data set"),
         "n_images": dataset["n_images"],
         "size": f"{width} × {height} px",
         "pivot_mm": dataset["pivot_mm"],
