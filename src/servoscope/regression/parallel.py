@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import joblib
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from servoscope.errors import InvalidInputError
+from servoscope.processes import in_processes
 from servoscope.regression.tanh_network import Array
 from servoscope.regression.training import TrainedNetwork, train_restarts
 
@@ -114,12 +114,8 @@ def _train_all(
     options: Sequence[dict[str, Any]],
     n_jobs: int | None,
 ) -> Iterator[TrainedNetwork]:
-    with joblib.parallel_config("loky", n_jobs=n_jobs, inner_max_num_threads=1):
-        parallel = joblib.Parallel(return_as="generator", batch_size=1, max_nbytes=1024)
-    return parallel(
-        joblib.delayed(_train_one)(*samples, *parts, job, option)
-        for job, option in zip(jobs, options, strict=True)
-    )
+    calls = ((*samples, *parts, job, option) for job, option in zip(jobs, options, strict=True))
+    return in_processes(_train_one, calls, n_jobs, batch_size=1, max_nbytes=1024)
 
 
 def _train_one(

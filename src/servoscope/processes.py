@@ -1,0 +1,55 @@
+"""Calls shared among processes."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import joblib
+
+
+def in_processes(
+    function: Callable[..., Any],
+    calls: Iterable[tuple[Any, ...]],
+    n_jobs: int | None = -1,
+    **options: Any,
+) -> Iterator[Any]:
+    """What `function` returns for each tuple of arguments, in their order, as they are ready.
+
+    The processes have one BLAS thread each, and leave Ctrl-C to this one.
+
+    Parameters
+    ----------
+    function : callable
+    calls : iterable of tuple
+        The arguments of each call.
+    n_jobs : int, optional
+        Processes, as joblib counts them: -1 for all cores, 1 or None for this process alone.
+    **options
+        Of `joblib.Parallel`.
+
+    Examples
+    --------
+    >>> list(in_processes(divmod, [(7, 2), (9, 4)], n_jobs=1))
+    [(3, 1), (2, 1)]
+    """
+    with joblib.parallel_config("loky", n_jobs=n_jobs, inner_max_num_threads=1):
+        parallel = joblib.Parallel(return_as="generator", **options)
+    with _interrupts_held():
+        results: Iterator[Any] = parallel(joblib.delayed(function)(*call) for call in calls)
+    return results
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back; processes that are started meanwhile never get it."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
