@@ -29,7 +29,8 @@ class Table(NamedTuple):
     """A plane at the height z, and a map of the radiance that it scatters around the part.
 
     The map's points are `cell` apart, and the first is at (x, y). Beyond them the table is lit
-    by every lamp, and by the ambient light in full.
+    by every lamp, and by the ambient light in full. The table scatters light evenly, so that its
+    radiance is the same from every side.
     """
 
     z: np.float32
