@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from joblib import Parallel, delayed
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
 from servoscope.files import write_atomically
+from servoscope.processes import in_processes
 from servoscope.report.figures.captions import Caption
 
 GREY = 40
@@ -58,7 +58,7 @@ class FigureFile:
 def draw_figures(orders: list[FigureOrder], folder: Path, *, n_jobs: int = -1) -> list[FigureFile]:
     """Draw figures, several at a time, and write each as a PNG file into a folder."""
     folder.mkdir(exist_ok=True)
-    files = Parallel(n_jobs=n_jobs)(delayed(render)(order) for order in orders)
+    files = list(in_processes(render, ((order,) for order in orders), n_jobs))
     for file in files:
         write_atomically(folder / f"{file.name}.png", partial(_write, content=file.png))
     return files
