@@ -139,7 +139,7 @@ def test_overview_shows_every_family_and_errors_in_mm_and_degrees(summary):
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert labels[:2] == ["GM", "PCA"]
     assert len(labels) == 6
-    assert ax.get_xticklabels()[0].get_text() == "Tx\n4 mm"
+    assert ax.get_xticklabels()[0].get_text() == "Tx\nGM: 1.8 mm"
 
 
 def test_every_unit_has_its_figures_and_eigenvectors_come_once_a_protocol(run_folder):

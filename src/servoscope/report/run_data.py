@@ -18,7 +18,8 @@ from servoscope.study.run_folder import VERSION, read_json, read_settings
 Arrays = dict[str, NDArray[Any]]
 
 RESULTS = (
-    "table1 table2 table3 baseline mi mi_null_level ranking sweep stability ranges".split()  # noqa: SIM905
+    *("table1", "table2", "table3", "best_family", "baseline"),
+    *("mi", "mi_null_level", "ranking", "sweep", "stability", "ranges"),
 )
 """What a summary tells for each protocol and displacement form."""
 

@@ -8,18 +8,19 @@ from servoscope.poses import DOFS
 from servoscope.report.agreement import mean_rms
 from servoscope.report.names import DOF_LABELS, listing
 from servoscope.report.run_data import Unit
-from servoscope.study.paper import FAMILIES, FAMILY_TITLES
+from servoscope.study.paper import FAMILY_TITLES
 
 WELL, ROUGHLY = 0.25, 0.6
 """Shares of the baseline error below which a degree of freedom counts as told well, or roughly."""
 
 
 def describe_accuracy(unit: Unit) -> list[str]:
-    """Sentences on what the selected features and the best family reach."""
+    """Sentences on what the best family and the selected features reach."""
     results = unit.results
+    errors = results["table1"][results["best_family"]]
     grades: dict[str, list[str]] = {"well": [], "roughly": [], "hardly": [], "still": []}
     for dof in DOFS:
-        grades[_grade(results["table3"][dof], results["baseline"][dof])].append(dof)
+        grades[_grade(errors[dof], results["baseline"][dof])].append(dof)
     sentences = {
         "well": "{} told well from one image",
         "roughly": "{} told roughly",
@@ -27,7 +28,7 @@ def describe_accuracy(unit: Unit) -> list[str]:
         "still": "{} never moved",
     }
     parts = [
-        sentences[grade].format(_subject(dofs, results, grade))
+        sentences[grade].format(_subject(dofs, errors, grade))
         for grade, dofs in grades.items()
         if dofs
     ]
@@ -42,24 +43,23 @@ def _grade(error: dict[str, Any], baseline: dict[str, Any]) -> str:
     return "well" if share <= WELL else "roughly" if share <= ROUGHLY else "hardly"
 
 
-def _subject(dofs: list[str], results: dict[str, Any], grade: str) -> str:
+def _subject(dofs: list[str], errors: dict[str, Any], grade: str) -> str:
     if grade == "still":
         return listing([DOF_LABELS[dof] for dof in dofs])
-    errors = [
-        f"{DOF_LABELS[dof]} (to {cell['physical']:.2g} {cell['unit']})"
-        for dof, cell in ((dof, results["table3"][dof]) for dof in dofs)
+    subjects = [
+        f"{DOF_LABELS[dof]} (to {errors[dof]['physical']:.2g} {errors[dof]['unit']})"
+        for dof in dofs
     ]
-    return f"{listing(errors)} {'is' if len(dofs) == 1 else 'are'}"
+    return f"{listing(subjects)} {'is' if len(dofs) == 1 else 'are'}"
 
 
 def _best_family(results: dict[str, Any]) -> str:
-    means = {family: mean_rms(results["table1"][family]) for family in FAMILIES}
-    best = min(means, key=means.__getitem__)
+    best = results["best_family"]
     selected, baseline = mean_rms(results["table3"]), mean_rms(results["baseline"])
     return (
-        f"The best family by itself is {FAMILY_TITLES[best]}, with a mean RMS error of "
-        f"{means[best]:.3f} of the range; the subsets selected by mutual information reach "
-        f"{selected:.3f}, and always answering the mean {baseline:.3f}."
+        f"So it is with the best family, {FAMILY_TITLES[best]}, whose mean RMS error is "
+        f"{mean_rms(results['table1'][best]):.3f} of the range; the subsets "
+        f"selected by mutual information reach {selected:.3f}, and always answering the mean {baseline:.3f}."
     )
 
 

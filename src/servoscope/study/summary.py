@@ -39,7 +39,8 @@ def summarise(
     dict
         ``table1[family][dof]`` and ``table3[dof]`` with RMS errors in units of the range
         (``rms``) and in ``physical`` ``unit``; ``table2[dof]``, names in order of selection;
-        ``mi[feature][dof]`` in bits; ``baseline[dof]``, the error of always answering the mean of
+        ``mi[feature][dof]`` in bits; ``best_family``, on the average of the dofs, for the images
+        that decide; ``baseline[dof]``, the error of always answering the mean of
         the training images; and ``ranking``, ``sweep`` and ``stability`` by dof.
     """
     errors = targets[split.test] - targets[split.train].mean(axis=0)
@@ -52,6 +53,7 @@ def summarise(
             family: {dof: _error(nets.families[family][dof].test_rms, dof, scale) for dof in DOFS}
             for family in FAMILIES
         },
+        "best_family": min(FAMILIES, key=lambda family: _validation_rms(nets, family)),
         "baseline": {dof: _error(rms, dof, scale) for dof, rms in zip(DOFS, baseline, strict=True)},
         "table2": {dof: [names[i] for i in assessment.rankings[dof].order] for dof in DOFS},
         "table3": {dof: _minimum_subset(best[dof], dof, scale, names) for dof in DOFS},
@@ -71,6 +73,10 @@ def choose_best(points: list[SweepPoint]) -> SweepPoint:
     """The point of a sweep with the least error on the images that decide."""
     subsets = [point.subset for point in points]
     return points[best_subset(subsets, [point.trained.validation_rms for point in points])]
+
+
+def _validation_rms(nets: StudyNets, family: str) -> float:
+    return sum(nets.families[family][dof].validation_rms for dof in DOFS) / len(DOFS)
 
 
 def _unit(dof: str) -> str:

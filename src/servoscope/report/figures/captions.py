@@ -67,7 +67,7 @@ CAPTIONS = {
     ),
     "filtered": Caption(
         "Pose-LFA covariance, filtered, with the chosen locations",
-        "Magnitude of the covariance gathered by a 12 x 12 centre-weighted mask; bright is much. "
+        "Magnitude of the covariance gathered by a centre-weighted mask; bright is much. "
         "Crosses mark the twelve receptive fields chosen for each degree of freedom.",
         "Six grey pictures with twelve crosses each, on their brightest spots.",
         7,

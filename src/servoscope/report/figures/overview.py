@@ -25,8 +25,8 @@ def plot_family_errors(results: dict[str, Any], *, ax: Axes | None = None) -> Ax
     Parameters
     ----------
     results : dict
-        Of one protocol and displacement form: ``table1`` and ``table3`` are used. Under each
-        degree of freedom stands the error of the selected features in mm or degrees.
+        Of one protocol and displacement form. Under each degree of freedom stands the error of
+        the best family in mm or degrees.
     """
     ax = new_axes() if ax is None else ax
     places = np.arange(len(DOFS))
@@ -35,19 +35,20 @@ def plot_family_errors(results: dict[str, Any], *, ax: Axes | None = None) -> Ax
         errors = [results["table1"][family][dof]["rms"] for dof in DOFS]
         style: dict[str, Any] = {**FAMILY_STYLES[family], "label": FAMILY_TITLES[family]}
         ax.plot(places + offset, errors, linestyle="", markersize=5, markeredgewidth=0, **style)
-    selected = [results["table3"][dof] for dof in DOFS]
-    rms = [cell["rms"] for cell in selected]
-    star: dict[str, Any] = {"linestyle": "", "marker": "*", "color": ACCENT, "markersize": 9}
-    ax.plot(places + offsets[-1], rms, label=SELECTED, **star)
+    rms = [results["table3"][dof]["rms"] for dof in DOFS]
+    cross: dict[str, Any] = {"linestyle": "", "marker": "x", "color": ACCENT, "markersize": 5}
+    ax.plot(places + offsets[-1], rms, label=SELECTED, **cross)
     for place in places[1:]:
         ax.axvline(place - 0.5, color=MUTED, linewidth=0.3)
     dress(ax, ylabel="RMS error on test images [of range]")
     ax.set(xlim=(-0.5, len(DOFS) - 0.5), ylim=(0, None))
+    best = results["best_family"]
+    least = [results["table1"][best][dof] for dof in DOFS]
     ax.set_xticks(
         places,
         [
-            f"{DOF_LABELS[dof]}\n{cell['physical']:.2g} {cell['unit']}"
-            for dof, cell in zip(DOFS, selected, strict=True)
+            f"{DOF_LABELS[dof]}\n{FAMILY_TITLES[best]}: {cell['physical']:.2g} {cell['unit']}"
+            for dof, cell in zip(DOFS, least, strict=True)
         ],
     )
     ax.legend(fontsize=SMALL, ncols=3, frameon=False, loc="lower left", bbox_to_anchor=(0, 1.0))
