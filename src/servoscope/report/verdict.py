@@ -59,7 +59,8 @@ def _best_family(results: dict[str, Any]) -> str:
     return (
         f"So it is with the best family, {FAMILY_TITLES[best]}, whose mean RMS error is "
         f"{mean_rms(results['table1'][best]):.3f} of the range; the subsets "
-        f"selected by mutual information reach {selected:.3f}, and always answering the mean {baseline:.3f}."
+        f"selected by mutual information reach {selected:.3f}, and always answering the mean "
+        f"{baseline:.3f}."
     )
 
 
