@@ -13,6 +13,7 @@ from servoscope.dataset import PoseImageSet
 from servoscope.files import write_json
 from servoscope.poses import DISPLAY_UNITS, DOFS
 from servoscope.report import write_report
+from servoscope.report.agreement import compare_order_of_families
 from servoscope.study import Study, StudyConfig
 from servoscope.study.paper import FAMILIES, FAMILY_TITLES
 from servoscope.study.run_folder import RunFolder, read_json
@@ -43,6 +44,8 @@ def print_summary(summary: dict[str, Any], report: Path) -> None:
     for protocol, forms in summary["protocols"].items():
         for displacement, results in forms.items():
             out.print(_table(f"{protocol} protocol, {displacement} form", results))
+    for finding in compare_order_of_families(summary):
+        out.print(f"The paper: {finding.claim} Here: [bold]{finding.verdict}[/bold].")
     out.print(f"total {summary['timings_s']['total']:.1f} s")
     out.print(f"report: {report}", soft_wrap=True)
 
