@@ -1,3 +1,5 @@
+from .acquisition import AcquisitionConfig as AcquisitionConfig
+from .acquisition import acquire as acquire
 from .dataset import PoseImageSet as PoseImageSet
 from .errors import ServoscopeError as ServoscopeError
 from .features import Eigenfeatures as Eigenfeatures

@@ -61,10 +61,12 @@ class AcquisitionConfig:
 
     def __post_init__(self) -> None:
         self.scene()
-        if self.n_images < 1:
-            raise InvalidInputError(f"n_images must be at least 1, got {self.n_images}.")
-        if self.seed < 0:
-            raise InvalidInputError(f"seed must not be negative, got {self.seed}.")
+        for name, least in (("n_images", 1), ("seed", 0)):
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < least:
+                raise InvalidInputError(
+                    f"{name} must be a whole number from {least}, got {value!r}."
+                )
         for name, limit in (
             ("translation_mm", 200.0),
             ("rotation_deg", 60.0),
