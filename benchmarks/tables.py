@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from benchmarks.timing import Table, Timing
 
@@ -35,7 +36,8 @@ def as_page(machine: Mapping[str, str], tables: Sequence[Table], command: str) -
         "",
         *(f"- {topic}: {text}" for topic, text in machine.items()),
     ]
-    return "\n\n".join(["\n".join(head), *map(as_markdown, tables)]) + "\n"
+    targets = Path(__file__).with_name("targets.md").read_text(encoding="utf-8")
+    return "\n\n".join(["\n".join(head), *map(as_markdown, tables), targets])
 
 
 def _rows(table: Table) -> list[tuple[str, ...]]:
