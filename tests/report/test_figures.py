@@ -142,9 +142,25 @@ def test_overview_shows_every_family_and_errors_in_mm_and_degrees(summary):
     assert ax.get_xticklabels()[0].get_text() == "Tx\nGM: 1.8 mm"
 
 
+def test_published_errors_stand_in_the_places_of_ours(summary):
+    results = summary["protocols"]["honest"]["pivot"]
+    ax = plot_family_errors(results, published=True)
+    (dashes,) = [line for line in ax.lines if line.get_marker() == "_"]
+    ours = [line for line in ax.lines if len(line.get_xdata()) == 6]
+    expected = np.concatenate([line.get_xdata() for line in ours])
+    assert dashes.get_xdata() == pytest.approx(expected)
+    assert dashes.get_ydata()[:3] == pytest.approx([0.07, 0.05, 0.14])
+    assert dashes.get_ydata()[-3:] == pytest.approx([0.05, 0.08, 0.03])
+
+
+def test_published_errors_are_left_out_for_other_images(summary):
+    ax = plot_family_errors(summary["protocols"]["honest"]["pivot"])
+    assert not [line for line in ax.lines if line.get_marker() == "_"]
+
+
 def test_every_unit_has_its_figures_and_eigenvectors_come_once_a_protocol(run_folder):
     names = [order.name for order in list_figures(read_run(run_folder))]
-    assert len(names) == len(set(names)) == 3 + 4 * 7 + 2
+    assert len(names) == len(set(names)) == 4 + 4 * 7 + 2
     assert sum(name.endswith("_eigenvectors") for name in names) == 2
 
 

@@ -33,12 +33,12 @@ def collect_facts(run: RunData, files: list[FigureFile]) -> dict[str, Any]:
     figures = {file.name: describe_figure(file) for file in files}
     units = [describe_unit(unit, figures) for unit in run.units]
     return {
-        "title": f"Study of {name_data_set(run.summary['dataset']['source'])}",
+        "title": f"Study: {name_data_set(run.summary['dataset']['source'])}",
         "data": describe_data(run),
         "verdict": describe_accuracy(run.units[0]),
         "reference": figures["reference"],
         "slices": figures["slices"],
-        "overview": figures["overview"],
+        "errors": figures["errors"],
         "first": units[0],
         "units": units,
         "simulated": is_simulated(run.summary),

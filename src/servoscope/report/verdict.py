@@ -57,10 +57,9 @@ def _best_family(results: dict[str, Any]) -> str:
     best = results["best_family"]
     selected, baseline = mean_rms(results["table3"]), mean_rms(results["baseline"])
     return (
-        f"So it is with the best family, {FAMILY_TITLES[best]}, whose mean RMS error is "
-        f"{mean_rms(results['table1'][best]):.3f} of the range; the subsets "
-        f"selected by mutual information reach {selected:.3f}, and always answering the mean "
-        f"{baseline:.3f}."
+        f"These are the errors of the best family, {FAMILY_TITLES[best]}, on average "
+        f"{mean_rms(results['table1'][best]):.3f} of the range; the subsets selected by mutual "
+        f"information reach {selected:.3f}, and always answering the mean {baseline:.3f}."
     )
 
 

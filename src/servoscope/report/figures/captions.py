@@ -34,6 +34,12 @@ CAPTIONS = {
         "The view that the camera is to return to.",
         "The reference image, in grey.",
     ),
+    "errors": Caption(
+        "Errors of every family",
+        "Each mark is the error of nets that take one family; dashes, where there are any, are "
+        "the published errors. Under each degree of freedom stands the error of the best family.",
+        "A chart of RMS test errors by degree of freedom, one mark for each family.",
+    ),
     "overview": Caption(
         "Overview",
         "The reference image, its slices, and the errors of every family.",

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from servoscope.features.moments import PAPER_SLICES
 from servoscope.poses import DOFS
+from servoscope.report.agreement import is_simulated
 from servoscope.report.figures import overview, pictures, selection, sweep
 from servoscope.report.figures.captions import CAPTIONS
 from servoscope.report.figures.rendering import FigureOrder
@@ -22,15 +23,14 @@ def list_figures(run: RunData) -> list[FigureOrder]:
     image = run.features["reference_image"]
     first = run.units[0].results
     slices = partial(pictures.draw_slices, image, PAPER_SLICES)
-    summary = partial(overview.draw_overview, image, PAPER_SLICES, first)
+    published = is_simulated(run.summary)
+    errors = partial(overview.draw_family_errors, first, published=published)
+    summary = partial(overview.draw_overview, image, PAPER_SLICES, first, published=published)
     orders = [
         FigureOrder("reference", CAPTIONS["reference"], partial(pictures.draw_reference, image)),
         FigureOrder("slices", CAPTIONS["slices"], slices),
-        FigureOrder(
-            "overview",
-            CAPTIONS["overview"],
-            summary,
-        ),
+        FigureOrder("errors", CAPTIONS["errors"], errors),
+        FigureOrder("overview", CAPTIONS["overview"], summary),
     ]
     protocols: set[str] = set()
     for unit in run.units:

@@ -11,15 +11,25 @@ from numpy.typing import NDArray
 
 from servoscope.poses import DOFS
 from servoscope.report.figures.mosaic import plot_mosaic
-from servoscope.report.figures.panels import ACCENT, FAMILY_STYLES, MUTED, SMALL, dress, new_axes
+from servoscope.report.figures.panels import (
+    ACCENT,
+    FAMILY_STYLES,
+    INK,
+    MUTED,
+    SMALL,
+    dress,
+    new_axes,
+)
 from servoscope.report.figures.pictures import GREYS, Slices, plot_slices
 from servoscope.report.names import DOF_LABELS
-from servoscope.study.paper import FAMILIES, FAMILY_TITLES
+from servoscope.study.paper import FAMILIES, FAMILY_TITLES, TABLE1, TABLE3
 
-SELECTED = "selected by information"
+SELECTED, PUBLISHED = "selected by information", "published, 2001"
 
 
-def plot_family_errors(results: dict[str, Any], *, ax: Axes | None = None) -> Axes:
+def plot_family_errors(
+    results: dict[str, Any], *, published: bool = False, ax: Axes | None = None
+) -> Axes:
     """RMS error of every family, and of the selected features, by degree of freedom.
 
     Parameters
@@ -27,6 +37,8 @@ def plot_family_errors(results: dict[str, Any], *, ax: Axes | None = None) -> Ax
     results : dict
         Of one protocol and displacement form. Under each degree of freedom stands the error of
         the best family in mm or degrees.
+    published : bool
+        Whether to mark the published errors, each by a dash in the place of ours.
     """
     ax = new_axes() if ax is None else ax
     places = np.arange(len(DOFS))
@@ -38,6 +50,12 @@ def plot_family_errors(results: dict[str, Any], *, ax: Axes | None = None) -> Ax
     rms = [results["table3"][dof]["rms"] for dof in DOFS]
     cross: dict[str, Any] = {"linestyle": "", "marker": "x", "color": ACCENT, "markersize": 5}
     ax.plot(places + offsets[-1], rms, label=SELECTED, **cross)
+    if published:
+        rows = [TABLE1[family] for family in FAMILIES]
+        rows.append({dof: float(TABLE3[dof]["rms"]) for dof in DOFS})
+        theirs = np.array([[row[dof] for dof in DOFS] for row in rows])
+        dash: dict[str, Any] = {"linestyle": "", "marker": "_", "color": INK, "markersize": 9}
+        ax.plot((places + offsets[:, None]).ravel(), theirs.ravel(), label=PUBLISHED, **dash)
     for place in places[1:]:
         ax.axvline(place - 0.5, color=MUTED, linewidth=0.3)
     dress(ax, ylabel="RMS error on test images [of range]")
@@ -51,12 +69,23 @@ def plot_family_errors(results: dict[str, Any], *, ax: Axes | None = None) -> Ax
             for dof, cell in zip(DOFS, least, strict=True)
         ],
     )
-    ax.legend(fontsize=SMALL, ncols=3, frameon=False, loc="lower left", bbox_to_anchor=(0, 1.0))
+    ax.legend(fontsize=SMALL, ncols=4, frameon=False, loc="lower left", bbox_to_anchor=(0, 1.0))
     return ax
 
 
+def draw_family_errors(results: dict[str, Any], *, published: bool) -> Figure:
+    """The errors of all families."""
+    figure = Figure(figsize=(9.6, 3.4), facecolor="white")
+    plot_family_errors(results, published=published, ax=figure.add_axes((0.06, 0.12, 0.93, 0.74)))
+    return figure
+
+
 def draw_overview(
-    reference_image: NDArray[np.uint8], slices: Slices, results: dict[str, Any]
+    reference_image: NDArray[np.uint8],
+    slices: Slices,
+    results: dict[str, Any],
+    *,
+    published: bool,
 ) -> Figure:
     """The reference image, its slices, and the errors of all families."""
     ratio = min(max(reference_image.shape[0] / reference_image.shape[1], 0.5), 1.3)
@@ -75,5 +104,6 @@ def draw_overview(
     plot_mosaic([reference_image], ["what the camera sees"], ax=seen, **GREYS)
     plot_slices(reference_image, slices, n_columns=1, ax=place(picture + 0.2, small, tall + 0.1))
     left = picture + small + 0.9
-    plot_family_errors(results, ax=place(left, total_x - left - 0.1, tall - 0.05))
+    chart = place(left, total_x - left - 0.1, tall - 0.05)
+    plot_family_errors(results, published=published, ax=chart)
     return figure

@@ -25,7 +25,7 @@ from servoscope.report.names import DOF_LABELS, DOF_UNITS, feature_family
 STEP = 4
 """The step of the selection that the plane shows, from 1; the paper shows the fourth too."""
 
-CHARTS = Layout(3, 2.0, 1.55, gap_x=0.55, gap_y=0.62, left=0.5, right=0.08, bottom=0.4, top=0.25)
+CHARTS = Layout(3, 2.7, 1.9, gap_x=0.6, gap_y=0.62, left=0.5, right=0.08, bottom=0.4, top=0.25)
 
 
 def plot_best_feature(
@@ -42,7 +42,7 @@ def plot_best_feature(
     name, dof : str
     """
     ax = new_axes() if ax is None else ax
-    ax.plot(values, displacement, ".", color=INK, markersize=1.6, markeredgewidth=0, alpha=0.8)
+    ax.plot(values, displacement, ".", color=INK, markersize=2.8, markeredgewidth=0, alpha=0.8)
     return dress(ax, xlabel=name, ylabel=f"{DOF_LABELS[dof]} [{DOF_UNITS[dof]}]")
 
 

@@ -21,7 +21,7 @@ from servoscope.report.figures.panels import (
 )
 from servoscope.report.names import DOF_LABELS, DOF_UNITS
 
-CHARTS = Layout(3, 1.85, 1.6, gap_x=0.95, gap_y=0.62, left=0.45, right=0.5, bottom=0.4, top=0.3)
+CHARTS = Layout(3, 2.4, 1.75, gap_x=0.95, gap_y=0.62, left=0.45, right=0.5, bottom=0.4, top=0.3)
 
 
 def plot_sweep(
@@ -57,7 +57,12 @@ def plot_sweep(
     if published is not None:
         ax.axhline(published, color=ACCENT, linewidth=0.8, linestyle=":")
     for threshold, error, point in zip(thresholds, errors, sweep, strict=True):
-        place: dict[str, Any] = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center"}
+        above = decided_on_test or error >= point["validation_rms"]
+        place: dict[str, Any] = {
+            "xytext": (0, 4 if above else -8.5),
+            "textcoords": "offset points",
+            "ha": "center",
+        }
         ax.annotate(str(point["n_features"]), (threshold, error), fontsize=SMALL - 1.5, **place)
     ax.set_ylim(0, 1.18 * max(*errors, published or 0.0, ax.get_ylim()[1] / 1.1, 1e-6))
     dress(ax, title=DOF_LABELS[dof], xlabel="threshold [bits]", ylabel="RMS [of range]")
