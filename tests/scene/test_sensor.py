@@ -1,5 +1,7 @@
 """The sensor: noise, blur, vignetting and the conversion to grey levels, each against its model."""
 
+from dataclasses import Field, fields
+
 import numpy as np
 import pytest
 
@@ -63,13 +65,30 @@ def test_without_a_generator_there_is_no_noise(rng: np.random.Generator) -> None
     ("name", "value", "message"),
     [
         ("exposure", 0.0, "exposure must be positive, got 0.0"),
-        ("gain", np.nan, "gain must be positive"),
+        ("gain", -1.0, "gain must be positive"),
         ("full_well", -1.0, "full_well must be positive"),
         ("blur", -0.1, "blur must not be negative"),
-        ("read_noise", np.nan, "read_noise must not be negative"),
+        ("read_noise", -1.0, "read_noise must not be negative"),
         ("vignetting", -0.1, "vignetting must not be negative"),
+        ("vignetting", 3.0, "vignetting must be at most 1, got 3.0"),
     ],
 )
 def test_numbers_out_of_range_are_refused(name: str, value: float, message: str) -> None:
     with pytest.raises(InvalidInputError, match=message):
         Sensor(**{name: value})
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("field", fields(Sensor))
+def test_numbers_that_are_not_finite_are_refused(field: Field[float], value: float) -> None:
+    with pytest.raises(InvalidInputError, match=f"{field.name} must be a finite number, got"):
+        Sensor(**{field.name: value})
+
+
+def test_the_strongest_vignetting_leaves_the_corners_black_and_defined(
+    rng: np.random.Generator,
+) -> None:
+    sensor = Sensor(vignetting=1.0, blur=0.0, read_noise=0.0)
+    image = sensor.read_out(_flat(0.9, 255), rng)
+    assert image[127, 127] > 200
+    assert image[[0, 0, -1, -1], [0, -1, 0, -1]].max() < 10

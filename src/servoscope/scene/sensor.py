@@ -30,6 +30,11 @@ class Sensor:
         Electrons at full exposure; fewer mean more shot noise.
     read_noise : float
         Standard deviation of the noise of reading out, [electrons].
+
+    Raises
+    ------
+    InvalidInputError
+        If a number is out of its range, or not finite.
     """
 
     exposure: float = 1.06
@@ -40,12 +45,17 @@ class Sensor:
     read_noise: float = 20.0
 
     def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not np.isfinite(value):
+                raise InvalidInputError(f"{name} must be a finite number, got {value}.")
         for name in ("exposure", "gain", "full_well"):
             if not getattr(self, name) > 0:
                 raise InvalidInputError(f"{name} must be positive, got {getattr(self, name)}.")
         for name in ("blur", "read_noise", "vignetting"):
             if not getattr(self, name) >= 0:
                 raise InvalidInputError(f"{name} must not be negative, got {getattr(self, name)}.")
+        if self.vignetting > 1:
+            raise InvalidInputError(f"vignetting must be at most 1, got {self.vignetting}.")
 
     def read_out(
         self, radiance: NDArray[np.float32], rng: np.random.Generator | None = None
