@@ -68,7 +68,7 @@ def test_study_prints_its_summary_as_json(finished, capsys):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "moment",
-    ["dataset/acquisition.json", "stages/acquire.json", "stages/features.json", "models"],
+    ["dataset/acquisition.json", "stages/features.json", "models", "summary.json"],
 )
 def test_a_killed_study_resumes_to_the_same_summary(finished, tmp_path, moment):
     run = tmp_path / "run"
@@ -76,17 +76,22 @@ def test_a_killed_study_resumes_to_the_same_summary(finished, tmp_path, moment):
     wait_for(run / moment, process)
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate()
-    assert not (run / "summary.json").exists()
+    assert not (run / "report.html").exists()
     assert main([*STUDY, "--out", str(run), "--resume"]) == 0
     assert results(run) == results(finished)
 
 
 @pytest.mark.slow
-def test_an_interrupted_study_says_so_in_one_line_and_can_be_resumed(finished, tmp_path):
+@pytest.mark.parametrize(
+    "moment",
+    ["dataset/acquisition.json", "stages/acquire.json", "stages/assessment.json", "summary.json"],
+)
+def test_an_interrupted_study_says_so_in_one_line_and_can_be_resumed(finished, tmp_path, moment):
     run = tmp_path / "run"
     process = start(*STUDY, "--out", str(run))
-    wait_for(run / "stages" / "acquire.json", process)
-    process.send_signal(signal.SIGINT)
+    wait_for(run / moment, process)
+    time.sleep(0.3)
+    os.killpg(process.pid, signal.SIGINT)
     _, err = process.communicate()
     assert process.returncode == 130
     assert "Traceback" not in err
@@ -193,6 +198,46 @@ def test_a_full_disk_is_said_in_one_line(tmp_path, monkeypatch, capsys):
     assert main(["assess", str(tmp_path / "data"), "--out", str(tmp_path / "run")]) == 1
     last = capsys.readouterr().err.splitlines()[-1]
     assert last.startswith("servoscope: features.npz: No space left on device; free some")
+
+
+def test_a_data_set_is_not_assessed_into_a_folder_that_holds_it(finished, capsys):
+    dataset = finished / "dataset"
+    for out in (dataset, finished):
+        assert main(["assess", str(dataset), "--out", str(out), "--force"]) == 1
+        assert "is or holds the data set" in capsys.readouterr().err
+    assert (dataset / "meta.json").exists()
+    assert (finished / "summary.json").exists()
+
+
+def test_import_only_reads_its_source(tmp_path, capsys):
+    (tmp_path / "poses.csv").write_text("name,tx,ty,tz,qx,qy,qz,qw\na.png,1,0,0,0,0,0,1\n")
+    before = (tmp_path / "poses.csv").read_bytes()
+    for force in ([], ["--force"]):
+        assert main(["import", "folder", str(tmp_path), str(tmp_path), *force]) == 1
+        assert "holds a poses.csv" in capsys.readouterr().err
+    assert main(["acquire", str(tmp_path), "--n-images", "1", "--image-size", "16"]) == 1
+    assert (tmp_path / "poses.csv").read_bytes() == before
+
+
+def test_too_few_images_that_train_are_refused_before_a_run_is_made(tmp_path, capsys):
+    planar_data_set(146, 24, split="blocks").save(tmp_path / "data")
+    assert main(["assess", str(tmp_path / "data"), "--out", str(tmp_path / "run")]) == 1
+    assert "more than 85 images that train" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+def test_brackets_in_paths_are_shown_as_they_are(finished, tmp_path, capsys):
+    run = tmp_path / "run[/bold]"
+    shutil.copytree(finished, run)
+    assert main([*STUDY, "--out", str(run), "--resume"]) == 0
+    assert str(run / "report.html") in capsys.readouterr().out
+
+
+def test_a_report_that_is_gone_is_made_again(finished, tmp_path):
+    run = tmp_path / "run"
+    shutil.copytree(finished, run, ignore=shutil.ignore_patterns("report.html"))
+    assert main([*STUDY, "--out", str(run), "--resume"]) == 0
+    assert (run / "report.html").exists()
 
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path, capsys):

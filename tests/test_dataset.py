@@ -282,7 +282,7 @@ def test_images_of_another_shape_or_type_are_refused(folder):
     shutil.rmtree(folder / "images.zarr")
     stack = zarr.create_array(folder / "images.zarr", shape=(60, 12, 16), dtype="float32")
     stack[:] = 1.0
-    refused(folder, "images must be a uint8 array")
+    refused(folder, "it holds float32 of shape")
 
 
 def edit_poses(folder, edit):

@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"servoscope {__version__}")
         return 0
     warnings.showwarning = _print_warning
-    warnings.filterwarnings("ignore", message=r"\d+ tasks which were still being processed")
+    warnings.filterwarnings("ignore", message=r"\d+ tasks (which|have)")
     try:
         app = _app()
         app.cli(

@@ -19,20 +19,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import DataSetError, FolderExistsError, InvalidInputError
-from servoscope.files import read_json, write_atomically, write_json, write_text
+from servoscope.files import read_json, remove_parts, write_atomically, write_json, write_text
 from servoscope.poses import poses_from_quaternions, quaternions_xyzw
 
 VERSION = 1
 IMAGES_PER_CHUNK = 25
 POSE_COLUMNS = ("name", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
-_PARTS = ("meta.json", "acquisition.json", "poses.csv", "reference.png")
+_PARTS = ("acquisition.json", "meta.json", "poses.csv", "reference.png")
 
 Folder = str | PathLike[str]
 
 
 def is_data_set(folder: Folder) -> bool:
     """Whether the folder holds a data set, finished or not."""
-    return any((Path(folder) / part).exists() for part in (*_PARTS[:2], "images.zarr"))
+    return any((Path(folder) / part).exists() for part in ("acquisition.json", "images.zarr"))
 
 
 def is_finished(folder: Folder) -> bool:
@@ -40,22 +40,41 @@ def is_finished(folder: Folder) -> bool:
     return (Path(folder) / "meta.json").exists()
 
 
-def check_free(folder: Folder) -> None:
-    """Raise FolderExistsError if the folder holds a data set, or is a file."""
+def check_free(folder: Folder, *, force: bool = False) -> None:
+    """Raise FolderExistsError if a data set cannot be made in the folder.
+
+    A data set that is there may be replaced if `force` is set, or if it is what an interrupted
+    `PoseImageSet.save` left. Files of somebody else that bear the name of a part may never be.
+    """
     path = Path(folder)
+    if path.exists() and not path.is_dir():
+        raise FolderExistsError(f"{path} is a file; name a folder.")
     if is_data_set(path):
+        if force or _is_abandoned(path):
+            return
         raise FolderExistsError(
             f"{path} holds a data set already; name another folder, or replace it with --force."
         )
-    if path.exists() and not path.is_dir():
-        raise FolderExistsError(f"{path} is a file; name a folder.")
+    for part in _PARTS:
+        if (path / part).exists():
+            raise FolderExistsError(
+                f"{path} holds a {part} that is no part of a data set; name another folder."
+            )
 
 
 def remove(folder: Folder) -> None:
-    """Remove the data set from the folder, and nothing else that may be in it."""
-    for part in _PARTS:
-        (Path(folder) / part).unlink(missing_ok=True)
-    shutil.rmtree(Path(folder) / "images.zarr", ignore_errors=True)
+    """Remove the data set from the folder, and nothing else that may be in it.
+
+    What tells that there is one goes last, so that an interrupted removal can be repeated.
+    """
+    path = Path(folder)
+    if not is_data_set(path):
+        return
+    for part in _PARTS[1:]:
+        (path / part).unlink(missing_ok=True)
+    shutil.rmtree(path / "images.zarr", ignore_errors=True)
+    (path / _PARTS[0]).unlink(missing_ok=True)
+    remove_parts(path)
 
 
 def create(
@@ -73,6 +92,7 @@ def create(
 
     path = Path(folder)
     check_free(path)
+    remove(path)
     path.mkdir(parents=True, exist_ok=True)
     write_progress(path, plan or {}, 0)
     zarr.create_array(
@@ -196,11 +216,19 @@ def read(folder: Folder) -> dict[str, Any]:
     }
 
 
+def _is_abandoned(path: Path) -> bool:
+    """Whether the folder holds what an interrupted `PoseImageSet.save` left."""
+    progress = read_progress(path)
+    return progress is not None and not progress[0]
+
+
 def _read_images(path: Path) -> NDArray[np.uint8]:
     import zarr
 
     try:
-        stack = zarr.open_array(path, mode="r")
+        stack = zarr.open_array(path, mode="r", zarr_format=3)
+        if stack.dtype != np.uint8 or stack.ndim != 3:
+            raise DataSetError(f"it holds {stack.dtype} of shape {stack.shape}")
         lost = stack.nchunks - stack.nchunks_initialized
         if lost:
             raise DataSetError(f"{lost} of {stack.nchunks} chunks are missing")

@@ -1,9 +1,10 @@
 import json
+from pathlib import Path
 
 import pytest
 
 from servoscope.errors import FolderExistsError, RunFolderError
-from servoscope.study.run_folder import is_run, open_run_folder, read_settings
+from servoscope.study.run_folder import is_run, open_run_folder, read_arrays, read_settings
 
 
 def test_a_finished_stage_is_not_done_again_for_the_same_inputs(tmp_path):
@@ -83,7 +84,69 @@ def test_a_run_of_another_version_is_refused(tmp_path):
         open_run_folder(run.path, {}, resume=True)
 
 
-def test_a_damaged_config_is_named(tmp_path):
-    (tmp_path / "config.json").write_text("{")
+def damaged_run(path):
+    run = open_run_folder(path, {"seed": 0})
+    run.run_stage("features", 0, lambda: None)
+    (path / "config.json").write_text("{")
+    return run
+
+
+def test_a_damaged_config_is_named_and_may_be_replaced(tmp_path):
+    run = damaged_run(tmp_path / "run")
     with pytest.raises(RunFolderError, match=r"config\.json cannot be read"):
-        open_run_folder(tmp_path, {}, resume=True)
+        open_run_folder(run.path, {"seed": 0}, resume=True)
+    open_run_folder(run.path, {"seed": 1}, force=True)
+    assert read_settings(run.path) == {"seed": 1}
+
+
+def test_a_stage_whose_output_is_gone_is_done_again(tmp_path):
+    run = open_run_folder(tmp_path / "run", {})
+    made = run.path / "features.npz"
+    done = []
+
+    def make():
+        done.append(1)
+        made.write_text("features")
+
+    for _ in range(2):
+        run.run_stage("features", 0, make, ["features.npz"])
+    made.unlink()
+    run.run_stage("features", 0, make, ["features.npz"])
+    assert len(done) == 2
+
+
+def test_a_stage_with_a_damaged_record_is_done_again(tmp_path):
+    run = open_run_folder(tmp_path / "run", {})
+    done = []
+    run.run_stage("features", 0, lambda: done.append(1))
+    (run.path / "stages" / "features.json").write_text("")
+    run.run_stage("features", 0, lambda: done.append(2))
+    assert done == [1, 2]
+
+
+def test_a_removal_that_is_interrupted_leaves_nothing_that_counts_as_finished(
+    tmp_path, monkeypatch
+):
+    run = open_run_folder(tmp_path / "run", {"seed": 0})
+    run.run_stage("features", 0, lambda: (run.path / "features.npz").write_text("old"))
+    monkeypatch.setattr(Path, "unlink", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        open_run_folder(run.path, {"seed": 0}, force=True)
+    monkeypatch.undo()
+    done = []
+    open_run_folder(run.path, {"seed": 0}, resume=True).run_stage(
+        "features", 0, lambda: done.append(1)
+    )
+    assert done == [1]
+
+
+def test_what_a_killed_write_left_does_not_stand_in_the_way(tmp_path):
+    (tmp_path / ".config.json.123.part").write_text("{")
+    open_run_folder(tmp_path, {"seed": 0})
+    assert [p.name for p in tmp_path.iterdir()] == ["config.json"]
+
+
+def test_damaged_arrays_are_named(tmp_path):
+    (tmp_path / "features.npz").write_bytes(b"PK\x03\x04 and no more")
+    with pytest.raises(RunFolderError, match=r"features\.npz is damaged .*--force"):
+        read_arrays(tmp_path / "features.npz", ["names"])

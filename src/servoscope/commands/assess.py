@@ -28,13 +28,19 @@ def assess(
 
     from servoscope.commands.options import n_jobs, protocols
     from servoscope.commands.run_study import finish_run
-    from servoscope.dataset_folder import read_meta
-    from servoscope.study.config import StudyConfig
+    from servoscope.dataset import PoseImageSet
+    from servoscope.errors import InvalidInputError
+    from servoscope.study import StudyConfig, check_data
     from servoscope.study.run_folder import open_run_folder
 
     processes = n_jobs(jobs)
-    read_meta(dataset)
     config = StudyConfig(seed=seed, protocols=protocols(protocol))
+    if out.resolve() in (dataset.resolve(), *dataset.resolve().parents):
+        raise InvalidInputError(
+            f"--out {out} is or holds the data set {dataset}; name another folder."
+        )
+    data = PoseImageSet.load(dataset)
+    check_data(data, config)
     settings = {"command": "assess", **asdict(config), "dataset": str(dataset.resolve())}
     run = open_run_folder(out, settings, resume=resume, force=force)
-    finish_run(run, dataset, config, processes, json=json)
+    finish_run(run, data, config, processes, json=json)

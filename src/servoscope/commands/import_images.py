@@ -23,8 +23,7 @@ def import_command(name: str, format_: Format) -> Callable[..., None]:
         from servoscope.commands.progress import progress_bar
         from servoscope.dataset_folder import check_free, remove
 
-        if not force:
-            check_free(out)
+        check_free(out, force=force)
         with progress_bar("images", None) as advance:
             data = format_.read(src, options, advance)
         if force:

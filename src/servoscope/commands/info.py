@@ -81,7 +81,7 @@ def describe_run(folder: Path) -> dict[str, Any]:
     run = RunFolder(folder, read_settings(folder))
     return {
         "run": str(folder),
-        "finished": (folder / "summary.json").exists(),
+        "finished": (folder / "report.html").exists(),
         "settings": run.settings,
         "timings_s": run.timings(),
     }

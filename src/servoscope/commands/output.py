@@ -15,7 +15,7 @@ from rich.table import Table
 def console() -> Console:
     """Standard output, wide enough for tables also where it is not a terminal."""
     width = None if sys.stdout.isatty() else max(120, shutil.get_terminal_size().columns)
-    return Console(width=width, highlight=False)
+    return Console(width=width, highlight=False, markup=False)
 
 
 def print_json(value: Any) -> None:

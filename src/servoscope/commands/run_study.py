@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +21,15 @@ from servoscope.study.run_folder import RunFolder, read_json
 
 
 def finish_run(
-    run: RunFolder, dataset: Path, config: StudyConfig, n_jobs: int, *, json: bool
+    run: RunFolder, data: PoseImageSet, config: StudyConfig, n_jobs: int, *, json: bool
 ) -> None:
     """Go through what is not finished of a run, write its report, and print its summary."""
-    data = PoseImageSet.load(dataset)
     Study(run, data, config, n_jobs=n_jobs, progress=progress_bar).run()
     path = run.path / "summary.json"
     with progress_bar("report", 1) as advance:
         results = read_json(path)["protocols"]
-        run.run_stage("report", results, lambda: write_report(run.path, n_jobs=n_jobs))
+        write = partial(write_report, run.path, n_jobs=n_jobs)
+        run.run_stage("report", results, write, ["report.html"])
         advance(1)
     summary = {**read_json(path), "timings_s": run.timings()}
     write_json(path, summary)
@@ -45,7 +46,7 @@ def print_summary(summary: dict[str, Any], report: Path) -> None:
         for displacement, results in forms.items():
             out.print(_table(f"{protocol} protocol, {displacement} form", results))
     for finding in compare_order_of_families(summary):
-        out.print(f"The paper: {finding.claim} Here: [bold]{finding.verdict}[/bold].")
+        out.print(f"The paper: {finding.claim} Here: {finding.verdict}.")
     out.print(f"total {summary['timings_s']['total']:.1f} s")
     out.print(f"report: {report}", soft_wrap=True)
 
@@ -54,7 +55,7 @@ def _table(title: str, results: dict[str, Any]) -> Table:
     table = Table(title=f"RMS test error, {title}", title_justify="left")
     table.add_column("features")
     for dof, unit in zip(DOFS, DISPLAY_UNITS, strict=True):
-        table.add_column(f"{dof} [{unit}]".replace("[", "\\["), justify="right")
+        table.add_column(f"{dof} [{unit}]", justify="right")
     table.add_column("mean of range", justify="right")
     for family in FAMILIES:
         table.add_row(FAMILY_TITLES[family], *_errors(results["table1"][family]))

@@ -36,6 +36,7 @@ def study(
     from servoscope.commands.options import n_jobs, protocols
     from servoscope.commands.progress import progress_bar
     from servoscope.commands.run_study import finish_run
+    from servoscope.dataset import PoseImageSet
     from servoscope.study.config import StudyConfig, check_n_images
     from servoscope.study.run_folder import open_run_folder
 
@@ -50,5 +51,7 @@ def study(
         with progress_bar("images", n_images) as advance:
             acquire(run.path / "dataset", acquisition, n_jobs=processes, on_progress=advance)
 
-    run.run_stage("acquire", settings["acquisition"], take_images)
-    finish_run(run, run.path / "dataset", config, processes, json=json)
+    made = ["dataset/meta.json", "dataset/images.zarr"]
+    run.run_stage("acquire", settings["acquisition"], take_images, made)
+    data = PoseImageSet.load(run.path / "dataset")
+    finish_run(run, data, config, processes, json=json)

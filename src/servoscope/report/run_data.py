@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import RunFolderError
 from servoscope.poses import DOFS
 from servoscope.study.paper import FAMILIES
-from servoscope.study.run_folder import VERSION, read_json, read_settings
+from servoscope.study.run_folder import VERSION, read_arrays, read_json, read_settings
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -109,9 +107,9 @@ def read_run(path: Path) -> RunData:
         path=path,
         settings=settings,
         summary=summary,
-        features=_read_arrays(path / "features.npz", expected),
-        selection=_read_arrays(path / "selection.npz", selection),
-        pictures={key: _read_arrays(path / "vectors" / f"{key}.npz", PICTURES) for key in keys},
+        features=read_arrays(path / "features.npz", expected),
+        selection=read_arrays(path / "selection.npz", selection),
+        pictures={key: read_arrays(path / "vectors" / f"{key}.npz", PICTURES) for key in keys},
     )
 
 
@@ -136,14 +134,6 @@ def _check_summary(path: Path, summary: dict[str, Any]) -> None:
         raise _damaged(path, f"{type(error).__name__}: {error}") from error
     if not units:
         raise _damaged(path, "it holds no protocol")
-
-
-def _read_arrays(path: Path, expected: list[str] | tuple[str, ...]) -> Arrays:
-    try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
-            return {name: arrays[name] for name in expected}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise _damaged(path, str(error).strip("'\"")) from error
 
 
 def _damaged(path: Path, reason: str) -> RunFolderError:

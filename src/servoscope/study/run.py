@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from servoscope import __version__
 from servoscope.dataset import PoseImageSet
+from servoscope.errors import InvalidInputError
 from servoscope.features import GeometricMoments, compute_image_basis
 from servoscope.files import write_arrays, write_json, write_text
 from servoscope.poses import DISPLACEMENTS, DOFS
@@ -28,7 +29,7 @@ from servoscope.study.feature_tables import (
 )
 from servoscope.study.networks import plan_sweeps, train_study_nets
 from servoscope.study.paper import FAMILIES
-from servoscope.study.run_folder import RunFolder, read_json
+from servoscope.study.run_folder import RunFolder, read_arrays, read_json
 from servoscope.study.summary import choose_best, summarise
 
 ProgressBar = Callable[[str, int], AbstractContextManager[Callable[[int], object]]]
@@ -71,7 +72,7 @@ class Study:
         n_jobs: int = -1,
         progress: ProgressBar = no_progress,
     ) -> None:
-        check_n_images(len(data))
+        check_data(data, config)
         self.folder, self.data, self.config = folder, data, config
         self.n_jobs, self.progress = n_jobs, progress
         self.units: list[Unit] = [(p, d) for p in config.protocols for d in DISPLACEMENTS]
@@ -83,20 +84,20 @@ class Study:
             "config": asdict(self.config),
             "servoscope": __version__,
         }
-        self.folder.run_stage("features", inputs, self._compute_features)
-        self.folder.run_stage("assessment", inputs, self._assess)
-        for unit in self.units:
+        names = ["_".join(unit) for unit in self.units]
+        features = ["features.npz", *(f"vectors/{name}.npz" for name in names)]
+        self.folder.run_stage("features", inputs, self._compute_features, features)
+        ranking = ["ranking.csv", "selection.npz"]
+        self.folder.run_stage("assessment", inputs, self._assess, ranking)
+        for unit, name in zip(self.units, names, strict=True):
+            models = [f"models/{name}.npz", f"models/{name}.json"]
             train = partial(self._train, unit)
-            self.folder.run_stage("networks_{}_{}".format(*unit), inputs, train)
+            self.folder.run_stage(f"networks_{name}", inputs, train, models)
         write_json(self.folder.path / "summary.json", self._summary())
 
     def split(self, protocol: str) -> Split:
         """The images that train, decide and test."""
-        times = None
-        if self.data.split == "blocks":
-            n_images = len(self.data)
-            times = np.arange(n_images) if self.data.times is None else self.data.times
-        return split_images(len(self.data), protocol, self.config.seed, times)
+        return split_data(self.data, protocol, self.config.seed)
 
     def targets(self, displacement: str) -> NDArray[np.float64]:
         """Displacements scaled to [-1, 1]; exactly 0 for a dof that never moves."""
@@ -106,9 +107,13 @@ class Study:
     @cached_property
     def tables(self) -> dict[Unit, FeatureTable]:
         """The feature tables that the first stage left in ``features.npz``."""
-        with np.load(self.folder.path / "features.npz", allow_pickle=False) as arrays:
-            names = tuple(map(str, arrays["names"]))
-            return {(p, d): FeatureTable(arrays[f"{p}_{d}"], names) for p, d in self.units}
+        keys = ["_".join(unit) for unit in self.units]
+        arrays = read_arrays(self.folder.path / "features.npz", ["names", *keys])
+        names = tuple(map(str, arrays["names"]))
+        return {
+            unit: FeatureTable(arrays[key], names)
+            for unit, key in zip(self.units, keys, strict=True)
+        }
 
     @cached_property
     def assessments(self) -> dict[Unit, Assessment]:
@@ -213,6 +218,26 @@ class Study:
             },
             "timings_s": self.folder.timings(),
         }
+
+
+def split_data(data: PoseImageSet, protocol: str, seed: int) -> Split:
+    """The images of a data set that train, decide and test, split as the set is to be."""
+    times = None
+    if data.split == "blocks":
+        times = np.arange(len(data)) if data.times is None else data.times
+    return split_images(len(data), protocol, seed, times)
+
+
+def check_data(data: PoseImageSet, config: StudyConfig) -> None:
+    """Raise InvalidInputError unless a data set has enough images for a study."""
+    check_n_images(len(data))
+    for protocol in config.protocols:
+        n_train = len(split_data(data, protocol, config.seed).train)
+        if n_train <= N_EIGENVECTORS:
+            raise InvalidInputError(
+                f"A study needs more than {N_EIGENVECTORS} images that train, to find as many "
+                f"eigenvectors; of the {len(data)} only {n_train} do. Use more images."
+            )
 
 
 def fingerprint(data: PoseImageSet) -> str:

@@ -6,9 +6,13 @@ import hashlib
 import json
 import shutil
 import time
-from collections.abc import Callable
+import zipfile
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from servoscope import __version__, files
 from servoscope.errors import FolderExistsError, RunFolderError
@@ -39,14 +43,18 @@ class RunFolder:
         self.path = path
         self.settings = settings
 
-    def run_stage(self, name: str, inputs: Any, make: Callable[[], object]) -> None:
+    def run_stage(
+        self, name: str, inputs: Any, make: Callable[[], object], outputs: Sequence[str] = ()
+    ) -> None:
         """Call ``make()``, unless this stage is finished for the same inputs.
 
-        A stage counts as finished only once `make` has returned.
+        A stage counts as finished once `make` has returned, for as long as the files it made
+        (`outputs`, relative to the folder) are there.
         """
         record = self._record(name)
         fingerprint = digest(inputs)
-        if record.exists() and read_json(record).get("fingerprint") == fingerprint:
+        there = all((self.path / output).exists() for output in outputs)
+        if there and self._fingerprint(name) == fingerprint:
             return
         record.unlink(missing_ok=True)
         start = time.perf_counter()
@@ -60,6 +68,13 @@ class RunFolder:
         records = sorted((self.path / "stages").glob("*.json"))
         seconds = {record.stem: float(read_json(record)["seconds"]) for record in records}
         return {**seconds, "total": round(sum(seconds.values()), 3)}
+
+    def _fingerprint(self, name: str) -> str | None:
+        """That of the finished stage; None if it is not finished, or its record is damaged."""
+        try:
+            return read_json(self._record(name)).get("fingerprint")
+        except RunFolderError:
+            return None
 
     def _record(self, name: str) -> Path:
         return self.path / "stages" / f"{name}.json"
@@ -90,9 +105,10 @@ def open_run_folder(
                 f"{path} holds a run already; go on with it with --resume, replace it with "
                 "--force, or name another folder with --out."
             )
-    elif path.exists() and (not path.is_dir() or any(path.iterdir())):
+    elif path.exists() and (not path.is_dir() or _holds_anything(path)):
         raise FolderExistsError(f"{path} exists and is not a run folder; name another with --out.")
     path.mkdir(parents=True, exist_ok=True)
+    files.remove_parts(path)
     config = {"version": VERSION, "servoscope": __version__, "settings": settings}
     files.write_json(path / "config.json", config)
     return RunFolder(path, settings)
@@ -100,8 +116,12 @@ def open_run_folder(
 
 def is_run(path: Path) -> bool:
     """Whether the folder holds a run, of whatever version, finished or not."""
-    config = path / "config.json"
-    return config.exists() and "servoscope" in read_json(config)
+    if not (path / "config.json").exists():
+        return False
+    try:
+        return "servoscope" in read_json(path / "config.json")
+    except RunFolderError:
+        return (path / "stages").is_dir()
 
 
 def read_settings(path: Path) -> dict[str, Any]:
@@ -124,12 +144,20 @@ def read_settings(path: Path) -> dict[str, Any]:
 
 
 def remove_run(path: Path) -> None:
-    """Remove a run from its folder, and nothing else that may be in it."""
-    for part in PARTS[1:]:
-        (path / part).unlink(missing_ok=True)
+    """Remove a run from its folder, and nothing else that may be in it.
+
+    The records of finished stages go first and ``config.json`` last, so that an interrupted
+    removal leaves a run in which nothing counts as finished.
+    """
     for folder in FOLDERS:
         shutil.rmtree(path / folder, ignore_errors=True)
-    (path / PARTS[0]).unlink(missing_ok=True)
+    for part in reversed(PARTS):
+        (path / part).unlink(missing_ok=True)
+
+
+def _holds_anything(path: Path) -> bool:
+    """Whether a folder holds more than interrupted writes have left."""
+    return any(not (p.name.startswith(".") and p.suffix == ".part") for p in path.iterdir())
 
 
 def digest(value: Any) -> str:
@@ -149,6 +177,24 @@ def _check_same_settings(path: Path, settings: dict[str, Any]) -> None:
             f"{path} was made with {key} {made_with.get(key)!r}, not {settings.get(key)!r}; "
             "repeat its settings to resume it, or replace it with --force."
         )
+
+
+def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
+    """The named arrays in a file of a run folder.
+
+    Raises
+    ------
+    RunFolderError
+        If the file is missing or damaged, or has no array of that name.
+    """
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in names}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        reason = " ".join(str(error).strip("'\"").split())
+        raise RunFolderError(
+            f"{path} is damaged ({reason}); make the run again with --force."
+        ) from error
 
 
 def read_json(path: Path) -> dict[str, Any]:
