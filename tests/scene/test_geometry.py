@@ -1,0 +1,40 @@
+"""Points see the share of the sky, and of the table below it, that counting rays gives."""
+
+import numpy as np
+import pytest
+
+from servoscope.scene.geometry import geometry_of, share_of_sky
+from servoscope.scene.part import CylinderHead
+
+BOUNCE = 0.5  # radiance of the table relative to the sky's
+
+
+@pytest.mark.parametrize("tilt_deg", [0, 30, 60, 90, 120, 150, 180])
+def test_a_free_surface_sees_sky_and_table_as_the_closed_form_says(tilt_deg: float) -> None:
+    tilt = np.radians(tilt_deg)
+    turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    up = np.full_like(turn, np.cos(tilt))
+    normals = np.c_[np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), up].astype("f4")
+    far_from_the_part = np.full((24, 3), 50.0, np.float32)
+    share = share_of_sky(geometry_of(CylinderHead()).tree, far_from_the_part, normals)
+    expected = (1 + np.cos(tilt)) / 2 + BOUNCE * (1 - np.cos(tilt)) / 2
+    np.testing.assert_allclose(share, expected, atol=0.03)
+
+
+def test_walls_of_the_part_see_what_many_random_rays_see(rng: np.random.Generator) -> None:
+    geometry = geometry_of(CylinderHead())
+    mesh = geometry.mesh
+    walls = rng.choice(np.flatnonzero(np.abs(mesh.normals[:, 2]) < 0.05), 200, replace=False)
+    counted = np.empty(len(walls))
+    for i, (point, normal) in enumerate(
+        zip(mesh.vertices[walls], mesh.normals[walls], strict=True)
+    ):
+        ball = rng.standard_normal((2_000, 3))
+        ways = normal + ball / np.linalg.norm(ball, axis=1, keepdims=True)  # by the cosine law
+        origins = np.tile(point + np.float32(2e-4) * normal, (len(ways), 1))
+        free = geometry.tree.run(origins, ways.astype(np.float32), query="OCCLUDED") < 0
+        counted[i] = np.mean(free * np.where(ways[:, 2] > 0, 1, BOUNCE))
+    sky = geometry.sky[walls]
+    assert np.ptp(counted) > 0.5
+    assert sky.mean() == pytest.approx(counted.mean(), abs=0.01)
+    np.testing.assert_allclose(sky, counted, atol=0.12)
