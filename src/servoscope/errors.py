@@ -25,9 +25,5 @@ class RunFolderError(ServoscopeError, ValueError):
     """A run folder is unfinished, damaged, or was written by another version."""
 
 
-class MissingExtraError(ServoscopeError, ImportError):
-    """An optional dependency is not installed."""
-
-
 class ServoscopeWarning(UserWarning):
     """Something that did not stop the work but that its user should know."""

@@ -1,13 +1,15 @@
-"""Calls shared among processes."""
+"""Calls shared among processes, and BLAS kept to one thread."""
 
 from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 import joblib
+from threadpoolctl import ThreadpoolController
 
 
 def in_processes(
@@ -40,6 +42,28 @@ def in_processes(
     with _interrupts_held():
         results: Iterator[Any] = parallel(joblib.delayed(function)(*call) for call in calls)
     return results
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[int]:
+    """Keep BLAS to one thread, for results that do not depend on the number.
+
+    Yields
+    ------
+    n_threads : int
+        How many it was allowed before.
+    """
+    controller = _blas_controller()
+    n_threads = max((library.num_threads for library in controller.lib_controllers), default=1)
+    with controller.limit(limits=1):
+        yield n_threads
+
+
+@cache
+def _blas_controller() -> ThreadpoolController:
+    import scipy.linalg  # noqa: F401  its BLAS is another than NumPy's, and has to be seen too
+
+    return ThreadpoolController().select(user_api="blas")
 
 
 @contextmanager

@@ -7,9 +7,9 @@ from servoscope.features import pixel_blocks
 from servoscope.features.pixel_blocks import (
     brightness_norms,
     map_blocks,
-    one_blas_thread,
     project_images,
 )
+from servoscope.processes import one_blas_thread
 
 
 def grey_images(n=7, height=20, width=33, seed=0):

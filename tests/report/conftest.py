@@ -40,6 +40,7 @@ def published_results():
             family: {dof: error(dof, row[dof]) for dof in DOFS} for family, row in TABLE1.items()
         },
         "best_family": "gm",
+        "n_images": {"train": 600, "validation": 150, "test": 250},
         "baseline": {dof: error(dof, 0.577) for dof in DOFS},
         "table2": {dof: table2(dof) for dof in DOFS},
         "table3": table3,

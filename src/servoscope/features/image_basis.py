@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from servoscope.errors import InvalidInputError
-from servoscope.features.pixel_blocks import map_blocks, one_blas_thread, working_dtype
+from servoscope.features.pixel_blocks import map_blocks, working_dtype
 from servoscope.features.pixels import ImageShape, check_finite, flatten_images
+from servoscope.processes import one_blas_thread
 
 
 @dataclass(frozen=True, eq=False)

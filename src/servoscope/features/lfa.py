@@ -13,8 +13,9 @@ from servoscope.errors import InvalidInputError
 from servoscope.features.image_basis import ImageBasis, fitted_basis
 from servoscope.features.image_transformer import ImageTransformer, target_names
 from servoscope.features.local_maxima import brightest_separate, filter_centre_weighted
-from servoscope.features.pixel_blocks import one_blas_thread, project_images
+from servoscope.features.pixel_blocks import project_images
 from servoscope.features.pixels import ImageShape
+from servoscope.processes import one_blas_thread
 
 Array = NDArray[np.float64]
 

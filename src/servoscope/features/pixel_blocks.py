@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import functools
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController
 
 from servoscope.errors import InvalidInputError
+from servoscope.processes import one_blas_thread
 
 BLOCK_ELEMENTS = 2**21
 """Pixels of all images together that are worked on at a time."""
@@ -125,28 +123,6 @@ def project_images(
     for _, _, part in map_blocks(project, flat, mean):
         projections += part
     return projections
-
-
-@contextmanager
-def one_blas_thread() -> Iterator[int]:
-    """Keep BLAS to one thread, for results that do not depend on the number.
-
-    Yields
-    ------
-    n_threads : int
-        How many it was allowed before.
-    """
-    controller = _blas_controller()
-    n_threads = max((library.num_threads for library in controller.lib_controllers), default=1)
-    with controller.limit(limits=1):
-        yield n_threads
-
-
-@functools.cache
-def _blas_controller() -> ThreadpoolController:
-    import scipy.linalg  # noqa: F401  its BLAS is another than NumPy's, and has to be seen too
-
-    return ThreadpoolController().select(user_api="blas")
 
 
 def _map_in_threads(

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
+from servoscope.processes import one_blas_thread
 from servoscope.regression.levenberg_marquardt import LMResult, LMSettings, levenberg_marquardt
 from servoscope.regression.normal_equations import normal_equations
 from servoscope.regression.tanh_network import (
@@ -92,7 +90,7 @@ def train_restarts(
     X, y = inputs.apply(X), target.apply(y)
     if X_val is not None and y_val is not None:
         X_val, y_val = inputs.apply(X_val), target.apply(y_val)
-    with _one_blas_thread():
+    with one_blas_thread():
         equations = normal_equations(append_ones(X), hidden)
         results = [
             levenberg_marquardt(X, y, start, X_val, y_val, settings, equations) for start in starts
@@ -113,14 +111,3 @@ def _rescale(result: LMResult, factor: float) -> LMResult:
         training_rms=result.training_rms * factor,
         validation_rms=result.validation_rms * factor,
     )
-
-
-@contextmanager
-def _one_blas_thread() -> Iterator[None]:
-    with _blas_controller().limit(limits=1, user_api="blas"):
-        yield
-
-
-@cache
-def _blas_controller() -> ThreadpoolController:
-    return ThreadpoolController()

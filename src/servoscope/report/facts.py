@@ -86,6 +86,7 @@ def describe_unit(unit: Unit, figures: dict[str, dict[str, Any]]) -> dict[str, A
         "displacement": unit.displacement,
         "title": f"{PROTOCOL_NAMES[unit.protocol]}, displacement {FORM_NAMES[unit.displacement]}",
         "ranges": [unit.results["ranges"][dof] for dof in DOFS],
+        "n_images": unit.results["n_images"],
         "null_level": unit.results["mi_null_level"],
         "table1": rms_table(unit.results),
         "table2": ranking_table(unit.results),

@@ -17,7 +17,7 @@ Arrays = dict[str, NDArray[Any]]
 
 RESULTS = (
     *("table1", "table2", "table3", "best_family", "baseline"),
-    *("mi", "mi_null_level", "ranking", "sweep", "stability", "ranges"),
+    *("mi", "mi_null_level", "ranking", "sweep", "stability", "ranges", "n_images"),
 )
 """What a summary tells for each protocol and displacement form."""
 

@@ -41,7 +41,9 @@ def summarise(
         (``rms``) and in ``physical`` ``unit``; ``table2[dof]``, names in order of selection;
         ``mi[feature][dof]`` in bits; ``best_family``, on the average of the dofs, for the images
         that decide; ``baseline[dof]``, the error of always answering the mean of
-        the training images; and ``ranking``, ``sweep`` and ``stability`` by dof.
+        the training images; ``ranges[dof]`` with ``value`` None for a dof that never moves;
+        ``n_images`` that train, decide and test; and ``ranking``, ``sweep`` and ``stability`` by
+        dof.
     """
     errors = targets[split.test] - targets[split.train].mean(axis=0)
     baseline = np.sqrt(np.mean(errors**2, axis=0)).tolist()
@@ -65,7 +67,11 @@ def summarise(
         "ranking": {dof: _ranking(assessment, dof) for dof in DOFS},
         "sweep": {dof: [_sweep_point(p) for p in nets.sweeps[dof]] for dof in DOFS},
         "stability": {dof: _stability(assessment, dof) for dof in DOFS},
-        "ranges": {dof: {"value": scale[dof], "unit": _unit(dof)} for dof in DOFS},
+        "ranges": {
+            dof: {"value": scale[dof] if moved else None, "unit": _unit(dof)}
+            for dof, moved in zip(DOFS, np.ptp(targets, axis=0) > 0, strict=True)
+        },
+        "n_images": {part: len(getattr(split, part)) for part in ("train", "validation", "test")},
     }
 
 

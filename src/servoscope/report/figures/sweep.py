@@ -28,7 +28,7 @@ def plot_sweep(
     sweep: list[dict[str, Any]],
     *,
     dof: str,
-    scale: float,
+    scale: float | None,
     decided_on_test: bool = False,
     published: float | None = None,
     ax: Axes | None = None,
@@ -40,7 +40,7 @@ def plot_sweep(
     sweep : list of dict
         ``thresholds``, ``n_features``, ``rms`` and ``validation_rms`` of each subset.
     dof : str
-    scale : float
+    scale : float or None
         The range of the degree of freedom, [mm] or [deg]: the second axis.
     decided_on_test : bool
         Whether validation and test are the same images, and one curve tells both.
@@ -66,7 +66,7 @@ def plot_sweep(
         ax.annotate(str(point["n_features"]), (threshold, error), fontsize=SMALL - 1.5, **place)
     ax.set_ylim(0, 1.18 * max(*errors, published or 0.0, ax.get_ylim()[1] / 1.1, 1e-6))
     dress(ax, title=DOF_LABELS[dof], xlabel="threshold [bits]", ylabel="RMS [of range]")
-    scale = scale or 1.0  # a dof that never moved has no range
+    scale = scale or 1.0  # None for a dof that never moved
     functions = (partial(operator.mul, scale), partial(operator.mul, 1 / scale))
     second = ax.secondary_yaxis("right", functions=functions)
     second.set_ylabel(f"[{DOF_UNITS[dof]}]", fontsize=SMALL, color=MUTED, labelpad=1)
