@@ -41,8 +41,8 @@ def split_images(
 
     Both protocols test on the same images for the same seed. By blocks, the images in order of
     time are cut into `n_blocks` runs of equal length; whole runs train, decide or test, and the
-    last tenth of a run is left out where the next run serves another purpose, so that
-    neighbouring frames do not leak.
+    last tenth of a run, one image at least, is left out where the next run serves another purpose,
+    so that images next to each other do not leak.
 
     Parameters
     ----------

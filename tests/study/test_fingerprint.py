@@ -1,3 +1,4 @@
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -6,25 +7,29 @@ import pytest
 from servoscope.study import RunFolder, Study, StudyConfig, open_run_folder
 
 STAGES = ("_compute_features", "_assess", "_train")
-QUICK = StudyConfig(protocols=("honest",))
-N_STAGES = 4  # features, assessment, and the nets of either displacement form
+QUICK = StudyConfig(hidden=1, restarts=1, n_thresholds=2, protocols=("honest",))
+EVERY = ["_compute_features", "_assess", "_train", "_train"]  # nets of either displacement form
+
+
+@pytest.fixture(scope="module")
+def finished(plane, tmp_path_factory):
+    """The folder of a finished study of the plane."""
+    folder = tmp_path_factory.mktemp("study") / "run"
+    Study(open_run_folder(folder, {}), plane, QUICK, n_jobs=1).run()
+    return folder
 
 
 @pytest.fixture
-def stages_done(tmp_path, monkeypatch):
-    """Runs a study in one folder; returns how many of its stages were not finished already."""
+def redone(finished, tmp_path, monkeypatch):
+    """The stages that a study in the finished folder would do again."""
+    folder = shutil.copytree(finished, tmp_path / "run")
     done = []
     for stage in STAGES:
         monkeypatch.setattr(Study, stage, lambda *_, stage=stage: done.append(stage))
-    monkeypatch.setattr(Study, "_summary", lambda _: {})
-    run_stage = RunFolder.run_stage
-    without_outputs = lambda folder, *args: run_stage(folder, *args[:3])  # noqa: E731
-    monkeypatch.setattr(RunFolder, "run_stage", without_outputs)
 
-    def run(data, config=QUICK) -> int:
-        done.clear()
-        Study(open_run_folder(tmp_path / "run", {}, resume=True), data, config).run()
-        return len(done)
+    def run(data, config=QUICK) -> list[str]:
+        Study(open_run_folder(folder, {}, resume=True), data, config).run()
+        return done
 
     return run
 
@@ -57,29 +62,19 @@ CHANGES = {
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_every_stage_is_done_again_for_another(plane, stages_done, change):
-    other = replace(plane, **CHANGES[change](plane))
-    assert stages_done(plane) == N_STAGES
-    assert stages_done(other) == N_STAGES
+def test_every_stage_is_done_again_for_another(plane, redone, change):
+    assert redone(replace(plane, **CHANGES[change](plane))) == EVERY
 
 
-def test_every_stage_is_done_again_for_another_order_of_the_same_images(plane, stages_done):
+def test_every_stage_is_done_again_for_another_order_of_the_same_images(plane, redone):
     order = np.random.default_rng(0).permutation(len(plane))
-    assert stages_done(plane) == N_STAGES
-    assert stages_done(replace(plane, images=plane.images[order])) == N_STAGES
+    assert redone(replace(plane, images=plane.images[order])) == EVERY
 
 
-def test_every_stage_is_done_again_for_another_seed(plane, stages_done):
-    assert stages_done(plane) == N_STAGES
-    assert stages_done(plane, replace(QUICK, seed=1)) == N_STAGES
+def test_every_stage_is_done_again_for_another_seed(plane, redone):
+    assert redone(plane, replace(QUICK, seed=1)) == EVERY
 
 
-def test_no_stage_is_done_again_for_equal_data(plane, stages_done):
-    equal = replace(
-        plane,
-        images=np.asfortranarray(plane.images),
-        T_world_cam=plane.T_world_cam.copy(),
-        T_world_ref=plane.T_world_ref.copy(),
-    )
-    assert stages_done(plane) == N_STAGES
-    assert stages_done(equal) == 0
+def test_no_stage_is_done_again_for_equal_data(plane, redone):
+    images, poses = np.asfortranarray(plane.images), plane.T_world_cam.copy()
+    assert redone(replace(plane, images=images, T_world_cam=poses)) == []
