@@ -22,10 +22,10 @@ class LMRegressor(RegressorMixin, BaseEstimator):
 
     Inputs and target are brought to zero mean and unit variance by the training samples; a
     constant input counts for nothing, and a constant target is predicted as it is. Training goes
-    on until the error on the validation samples has not fallen by 0.5 % for `patience` steps; the weights
-    of its lowest point are kept, of the best of `restarts` random starts. Without validation
-    samples training goes on until the training error falls no further (or `max_iter`), which
-    over-fits unless `weight_decay` holds it back.
+    on until the error on the validation samples has not fallen by 0.5 % for `patience` steps; the
+    weights of its lowest point are kept, of the best of `restarts` random starts. Without
+    validation samples training goes on until the training error falls no further (or `max_iter`),
+    which over-fits unless `weight_decay` holds it back.
 
     Parameters
     ----------
