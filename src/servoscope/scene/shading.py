@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from servoscope.scene.grain import N_TEXELS
 from servoscope.scene.shadows import DARK, IN_PART, LIFT
 from servoscope.scene.table import Table, table_radiance
+from servoscope.scene.vectors import blend, cross, dot, minus, of_length, plus, row_of
 
 Floats = NDArray[np.float32]
 Integers = NDArray[np.int32]
@@ -85,67 +86,36 @@ def shade(
     int
         How many doubts there are.
     """
-    hit_face, hit_u, hit_v = hits
     vertices, normals, open_sky, triangles, materials, states, looks, grain = part
-    z, albedo, grid, x0, y0, cell, lamps, ambient = table
-    origins, ways, doubt_of, gain = doubts
-    cx, cy, cz = centre[0], centre[1], centre[2]
-    one, count = np.float32(1), 0
+    lamps, count = table.lamps, 0
+    eye = centre[0], centre[1], centre[2]
     for j in range(ray_of.size):
-        i, face = ray_of[j], hit_face[j]
+        i, face = ray_of[j], hits.face[j]
         if face < 0:
-            dx, dy, dz = rays[j, 0], rays[j, 1], rays[j, 2]
-            radiance[i] = table_radiance(
-                cx, cy, cz, dx, dy, dz, z, albedo, grid, x0, y0, cell, lamps, ambient
-            )
+            radiance[i] = _light_of_table(eye, row_of(rays, j), table)
             continue
-        a, b, c = triangles[face, 0], triangles[face, 1], triangles[face, 2]
-        u, v = hit_u[j], hit_v[j]
-        w = one - u - v
-        e1x, e2x = vertices[b, 0] - vertices[a, 0], vertices[c, 0] - vertices[a, 0]
-        e1y, e2y = vertices[b, 1] - vertices[a, 1], vertices[c, 1] - vertices[a, 1]
-        e1z, e2z = vertices[b, 2] - vertices[a, 2], vertices[c, 2] - vertices[a, 2]
-        px = vertices[a, 0] + u * e1x + v * e2x
-        py = vertices[a, 1] + u * e1y + v * e2y
-        pz = vertices[a, 2] + u * e1z + v * e2z
-        nx = w * normals[a, 0] + u * normals[b, 0] + v * normals[c, 0]
-        ny = w * normals[a, 1] + u * normals[b, 1] + v * normals[c, 1]
-        nz = w * normals[a, 2] + u * normals[b, 2] + v * normals[c, 2]
-        look = materials[face]
-        bump, slope_x, slope_y = _grain_at(grain, px, py, pz, looks[look, 5] > 0)
-        diffuse = looks[look, 0] * max(np.float32(0), one + looks[look, 3] * bump)
-        nx += looks[look, 4] * slope_x
-        ny += looks[look, 4] * slope_y
-        shrink = one / np.sqrt(nx * nx + ny * ny + nz * nz)
-        nx, ny, nz = nx * shrink, ny * shrink, nz * shrink
-        light = ambient * diffuse * (w * open_sky[a] + u * open_sky[b] + v * open_sky[c])
-        vx, vy, vz = cx - px, cy - py, cz - pz
-        depth = np.sqrt(vx * vx + vy * vy + vz * vz)
+        a, b, c = row_of(triangles, face)
+        u, v = hits.u[j], hits.v[j]
+        w = np.float32(1) - u - v
+        corner = row_of(vertices, a)
+        e1, e2 = minus(row_of(vertices, b), corner), minus(row_of(vertices, c), corner)
+        point = blend(np.float32(1), corner, u, e1, v, e2)
+        normal = blend(w, row_of(normals, a), u, row_of(normals, b), v, row_of(normals, c))
+        look = looks[materials[face]]
+        normal, diffuse = _grained(normal, point, look, grain)
+        sky = w * open_sky[a] + u * open_sky[b] + v * open_sky[c]
+        light = table.ambient * diffuse * sky
         for k in range(lamps.shape[0]):
             if states[face, k] == DARK:
                 continue
-            lx, ly, lz = lamps[k, 0] - px, lamps[k, 1] - py, lamps[k, 2] - pz
-            nl = nx * lx + ny * ly + nz * lz
-            if nl <= 0:
-                continue
-            l2 = lx * lx + ly * ly + lz * lz
-            distance = np.sqrt(l2)
-            nl /= distance
-            nv = (nx * vx + ny * vy + nz * vz) / depth
-            lv = (lx * vx + ly * vy + lz * vz) / (distance * depth)
-            halfway = max(np.float32(0), (nl + nv) / np.sqrt(np.float32(2) + lv + lv))
-            shine = looks[look, 1] * halfway ** looks[look, 2]
-            more = lamps[k, 3] / l2 * nl * (diffuse + shine)
+            to_lamp = minus(row_of(lamps, k), point)
+            more = _scattered(lamps[k, 3], normal, to_lamp, minus(eye, point), diffuse, look)
             if states[face, k] != IN_PART:
                 light += more
-                continue
-            fx, fy, fz = e1y * e2z - e1z * e2y, e1z * e2x - e1x * e2z, e1x * e2y - e1y * e2x
-            lift = LIFT / np.sqrt(fx * fx + fy * fy + fz * fz)
-            fx, fy, fz = fx * lift, fy * lift, fz * lift
-            origins[count, 0], origins[count, 1], origins[count, 2] = px + fx, py + fy, pz + fz
-            ways[count, 0], ways[count, 1], ways[count, 2] = lx - fx, ly - fy, lz - fz
-            doubt_of[count], gain[count] = i, more
-            count += 1
+            elif more > 0:
+                _write_way(doubts, count, point, to_lamp, of_length(cross(e1, e2), LIFT))
+                doubts.ray_of[count], doubts.gain[count] = i, more
+                count += 1
         radiance[i] = light
     return count
 
@@ -159,8 +129,52 @@ def add_unblocked(blocker: Integers, ray_of: Integers, gain: Floats, radiance: F
 
 
 @njit(inline="always")
-def _grain_at(grain, x, y, z, milled):  # type: ignore[no-untyped-def]
+def _light_of_table(eye, ray, table):  # type: ignore[no-untyped-def]
+    """Radiance along a ray that misses the part."""
+    cx, cy, cz = eye
+    dx, dy, dz = ray
+    z, albedo, grid, x0, y0, cell, lamps, ambient = table
+    return table_radiance(cx, cy, cz, dx, dy, dz, z, albedo, grid, x0, y0, cell, lamps, ambient)
+
+
+@njit(inline="always")
+def _scattered(strength, normal, to_lamp, to_eye, diffuse, look):  # type: ignore[no-untyped-def]
+    """Radiance that a lamp adds at a point, by Lambert and Blinn-Phong."""
+    nl = dot(normal, to_lamp)
+    if nl > 0:
+        l2, depth = dot(to_lamp, to_lamp), np.sqrt(dot(to_eye, to_eye))
+        distance = np.sqrt(l2)
+        nl /= distance
+        nv = dot(normal, to_eye) / depth
+        lv = dot(to_lamp, to_eye) / (distance * depth)
+        halfway = max(np.float32(0), (nl + nv) / np.sqrt(np.float32(2) + lv + lv))
+        more = strength / l2 * nl * (diffuse + look[1] * halfway ** look[2])
+    else:
+        more = np.float32(0)
+    return more
+
+
+@njit(inline="always")
+def _write_way(doubts, place, point, to_lamp, off):  # type: ignore[no-untyped-def]
+    """Write the ray to a lamp from a point that is lifted off its face."""
+    origins, ways = doubts.origins, doubts.ways
+    origins[place, 0], origins[place, 1], origins[place, 2] = plus(point, off)
+    ways[place, 0], ways[place, 1], ways[place, 2] = minus(to_lamp, off)
+
+
+@njit(inline="always")
+def _grained(normal, point, look, grain):  # type: ignore[no-untyped-def]
+    """Normal and albedo of a surface at a point, with its grain."""
+    bump, slope_x, slope_y = _grain_at(grain, point, look[5] > 0)
+    diffuse = look[0] * max(np.float32(0), np.float32(1) + look[3] * bump)
+    tilted = normal[0] + look[4] * slope_x, normal[1] + look[4] * slope_y, normal[2]
+    return of_length(tilted, np.float32(1)), diffuse
+
+
+@njit(inline="always")
+def _grain_at(grain, point, milled):  # type: ignore[no-untyped-def]
     """Unevenness and slopes of a surface at a point."""
+    x, y, z = point
     if milled:
         x, y = x - np.float32(0.9), y - np.float32(0.07)
         across, along = np.sqrt(x * x + y * y), y * np.float32(0.1)
