@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -39,8 +40,8 @@ def in_processes(
     """
     with joblib.parallel_config("loky", n_jobs=n_jobs, inner_max_num_threads=1):
         parallel = joblib.Parallel(return_as="generator", **options)
-    with _interrupts_held():
-        results: Iterator[Any] = parallel(joblib.delayed(function)(*call) for call in calls)
+        _start_processes(joblib.effective_n_jobs(n_jobs), options)
+    results: Iterator[Any] = parallel(joblib.delayed(function)(*call) for call in calls)
     return results
 
 
@@ -66,14 +67,24 @@ def _blas_controller() -> ThreadpoolController:
     return ThreadpoolController().select(user_api="blas")
 
 
+def _start_processes(n_processes: int, options: dict[str, Any]) -> None:
+    """Start the processes, if they do not run yet, in such a way that they ignore Ctrl-C."""
+    if n_processes == 1:
+        return
+    options = {**options, "pre_dispatch": "all", "batch_size": 1, "return_as": "generator"}
+    with _interrupts_ignored():
+        started = joblib.Parallel(**options)([joblib.delayed(int)()] * n_processes)
+    list(started)
+
+
 @contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back; processes that are started meanwhile never get it."""
-    if not hasattr(signal, "pthread_sigmask"):
+def _interrupts_ignored() -> Iterator[None]:
+    """Ignore Ctrl-C for a moment; processes that are started meanwhile ignore it for good."""
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.signal(signal.SIGINT, before)
