@@ -34,13 +34,13 @@ def wait_for(path: Path, process: subprocess.Popen) -> None:
 
 def interrupt(process: subprocess.Popen) -> str:
     """Press Ctrl-C, and again if that fell into the moment in which processes are started."""
-    for _ in range(3):
+    for _ in range(15):
         os.killpg(process.pid, signal.SIGINT)
         try:
-            return process.communicate(timeout=4)[1]
+            return process.communicate(timeout=2)[1]
         except subprocess.TimeoutExpired:
             continue
-    pytest.fail("three interrupts did not end it")
+    pytest.fail("interrupts did not end it")
 
 
 def results(run: Path) -> dict:

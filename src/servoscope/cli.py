@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import sys
 import traceback
 import warnings
@@ -16,6 +17,7 @@ from tyro.extras import SubcommandApp
 
 from servoscope import __version__
 from servoscope.errors import ServoscopeError
+from servoscope.processes import stop_processes
 
 DESCRIPTION = """Vision-based robot positioning: which image features tell about which degree of
 freedom, and how accurately. Begin with: servoscope study. Every command also takes --debug, which
@@ -50,6 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         sys.stdout.flush()
     except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second one must not disturb the end
+        stop_processes()
         return _fail("interrupted; what is finished is kept, and can be gone on with", 130)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -45,6 +45,13 @@ def in_processes(
     return results
 
 
+def stop_processes() -> None:
+    """Stop the processes at once, whatever they are doing."""
+    from joblib.externals.loky import get_reusable_executor
+
+    get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
+
+
 @contextmanager
 def one_blas_thread() -> Iterator[int]:
     """Keep BLAS to one thread, for results that do not depend on the number.
