@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import os
 import shutil
@@ -370,3 +371,12 @@ def test_a_set_that_could_not_be_finished_is_not_taken_for_a_whole_one(tmp_path,
     with pytest.raises(OSError, match="No space left"):
         make().save(tmp_path / "set")
     refused(tmp_path / "set", "is unfinished")
+
+
+def test_a_dof_moves_if_its_displacements_differ_by_more_than_rounding(plane):
+    assert plane.moves().all()
+    still = dataclasses.replace(
+        plane, T_world_cam=np.broadcast_to(plane.T_world_cam[0], (150, 4, 4))
+    )
+    assert not still.moves().any()
+    assert not still.moves("camera").any()

@@ -106,6 +106,10 @@ class PoseImageSet:
         pivot = self.pivot if check_displacement(displacement) == "pivot" else 0.0
         return displacements_from_poses(self.T_world_ref, self.T_world_cam, pivot)
 
+    def moves(self, displacement: str = "pivot") -> NDArray[np.bool_]:
+        """Whether each dof moves at all in the set, shape (6,); rounding does not count."""
+        return np.ptp(self.delta_p(displacement), axis=0) > 1e-9
+
     def ranges(self, displacement: str = "pivot") -> NDArray[np.float64]:
         """Half-width of each dof's displacements, by which targets are scaled to [-1, 1].
 

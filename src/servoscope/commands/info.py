@@ -48,15 +48,12 @@ def describe_data_set(folder: Path) -> dict[str, Any]:
     DataSetError
         If it cannot be read.
     """
-    import numpy as np
-
     from servoscope.dataset import PoseImageSet
     from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 
     data = PoseImageSet.load(folder)
     height, width = data.image_shape
     ranges = (data.ranges() * DISPLAY_FACTORS).round(3).tolist()
-    moved = np.ptp(data.delta_p(), axis=0) > 1e-9
     return {
         "data_set": str(folder),
         "images": len(data),
@@ -65,7 +62,9 @@ def describe_data_set(folder: Path) -> dict[str, Any]:
         "split": data.split,
         "ranges": {
             dof: f"{value:g} {unit}" if moves else "never moves"
-            for dof, value, unit, moves in zip(DOFS, ranges, DISPLAY_UNITS, moved, strict=True)
+            for dof, value, unit, moves in zip(
+                DOFS, ranges, DISPLAY_UNITS, data.moves(), strict=True
+            )
         },
         "source": data.source,
     }

@@ -26,12 +26,12 @@ def finish_run(
     """Go through what is not finished of a run, write its report, and print its summary."""
     Study(run, data, config, n_jobs=n_jobs, progress=progress_bar).run()
     path = run.path / "summary.json"
+    summary = read_json(path)
     with progress_bar("report", 1) as advance:
-        results = read_json(path)["protocols"]
         write = partial(write_report, run.path, n_jobs=n_jobs)
-        run.run_stage("report", results, write, ["report.html"])
+        run.run_stage("report", summary["protocols"], write, ["report.html"])
         advance(1)
-    summary = {**read_json(path), "timings_s": run.timings()}
+    summary["timings_s"] = run.timings()
     write_json(path, summary)
     if json:
         print_json(summary)

@@ -16,9 +16,13 @@ from servoscope.features import (
     PoseImageCovariance,
 )
 from servoscope.poses import DOFS
+from servoscope.study.config import N_EIGENVECTORS
 
 N_INPUT_EIGENVECTORS = 24
-"""Eigenfeatures that the nets of family PCA take; all 35 are candidates for selection."""
+"""Eigenfeatures that the nets of family PCA take."""
+
+N_CANDIDATE_EIGENVECTORS = 35
+"""Eigenfeatures that are candidates for selection; also the eigenvectors of family LFA 35."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +92,7 @@ def compute_feature_table(
     moments : ndarray of shape (n_images, 24)
         Geometric moments, which need no fitting.
     basis : ImageBasis
-        Eigenvectors of the training images, 85 at least.
+        Eigenvectors of the training images, `N_EIGENVECTORS` at least.
     train : ndarray
         Indices of the training images.
     displacement : {"pivot", "camera"}
@@ -96,10 +100,10 @@ def compute_feature_table(
     images, targets = data.images[train], data.delta_p(displacement)[train]
     window = lfa_window(data.image_shape)
     families = {
-        "e": Eigenfeatures(35, basis=basis),
+        "e": Eigenfeatures(N_CANDIDATE_EIGENVECTORS, basis=basis),
         "pci": PoseImageCovariance(),
-        "lfa35": LocalFeatureAnalysis(35, window=window, basis=basis),
-        "lfa85": LocalFeatureAnalysis(85, window=window, basis=basis),
+        "lfa35": LocalFeatureAnalysis(N_CANDIDATE_EIGENVECTORS, window=window, basis=basis),
+        "lfa85": LocalFeatureAnalysis(N_EIGENVECTORS, window=window, basis=basis),
     }
     columns = [moments]
     names = list(GeometricMoments().fit(images).get_feature_names_out())

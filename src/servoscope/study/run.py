@@ -102,7 +102,7 @@ class Study:
     def targets(self, displacement: str) -> NDArray[np.float64]:
         """Displacements scaled to [-1, 1]; exactly 0 for a dof that never moves."""
         targets = self.data.delta_p(displacement) / self.data.ranges(displacement)
-        return np.where(np.ptp(targets, axis=0) > 1e-9, targets, 0.0)
+        return np.where(self.data.moves(displacement), targets, 0.0)
 
     @cached_property
     def tables(self) -> dict[Unit, FeatureTable]:

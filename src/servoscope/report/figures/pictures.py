@@ -25,9 +25,7 @@ def plot_slices(
     image: ArrayLike, slices: Slices, *, n_columns: int = 6, ax: Axes | None = None
 ) -> Axes:
     """The pixels of each ``lower <= grey < upper``, stretched over the greys, on white."""
-    image = np.asarray(image)
-    shown = [_stretch(image, *bounds) for bounds in slices]
-    titles = [f"grey {lower} to {upper - 1}" for lower, upper in slices]
+    shown, titles = _stretched_slices(np.asarray(image), slices)
     return plot_mosaic(shown, titles, n_columns=n_columns, ax=ax, **GREYS)
 
 
@@ -78,8 +76,8 @@ def draw_reference(reference_image: Array) -> Figure:
 
 def draw_slices(reference_image: Array, slices: Slices) -> Figure:
     """The reference image beside its intensity slices (figure 3)."""
-    titles = ["reference image", *(f"grey {lower} to {upper - 1}" for lower, upper in slices)]
-    shown = [reference_image, *(_stretch(reference_image, *bounds) for bounds in slices)]
+    shown, titles = _stretched_slices(reference_image, slices)
+    shown, titles = [reference_image, *shown], ["reference image", *titles]
     figure, ax = new_mosaic(reference_image.shape, len(shown), n_columns=4, width=1.8)
     plot_mosaic(shown, titles, n_columns=4, ax=ax, **GREYS)
     return figure
@@ -106,6 +104,12 @@ def draw_locations(filtered: Array, locations: Array) -> Figure:
     figure, ax = new_mosaic(filtered.shape[1:], len(filtered))
     plot_locations(filtered, locations, list(DOF_LABELS.values()), ax=ax)
     return figure
+
+
+def _stretched_slices(image: Array, slices: Slices) -> tuple[list[Array], list[str]]:
+    """The picture and the title of each slice."""
+    shown = [_stretch(image, *bounds) for bounds in slices]
+    return shown, [f"grey {lower} to {upper - 1}" for lower, upper in slices]
 
 
 def _stretch(image: Array, lower: int, upper: int) -> Array:
