@@ -15,7 +15,7 @@ FILES = sorted(SOURCE.rglob("*.py"))
 # From left to right: a module imports from rooms to its left, or from its own.
 ROOMS = (
     ("errors",),
-    ("files", "processes"),
+    ("files", "processes", "compiled"),
     ("poses",),
     ("dataset_folder",),
     ("dataset",),

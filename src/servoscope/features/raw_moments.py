@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.compiled import compiled
 from servoscope.errors import InvalidInputError
 
 ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
@@ -79,7 +79,7 @@ def _check_size(height: int, width: int) -> None:
         )
 
 
-@numba.njit(cache=True)
+@compiled()
 def _sum_moments(
     images: NDArray[Any], bounds: NDArray[Any], moments: NDArray[Any]
 ) -> None:  # pragma: no cover
@@ -102,7 +102,7 @@ def _sum_moments(
                 m[9] += y * y * y * m0
 
 
-@numba.njit(cache=True)
+@compiled()
 def _row_moments(row: NDArray[Any], lower: Any, upper: Any) -> Any:  # pragma: no cover
     m0 = m1 = m2 = m3 = np.int64(0)
     for start in range(0, len(row), _CHUNK):
@@ -119,7 +119,7 @@ def _row_moments(row: NDArray[Any], lower: Any, upper: Any) -> Any:  # pragma: n
     return m0, m1, m2, m3
 
 
-@numba.njit(cache=True)
+@compiled()
 def _chunk_moments(
     row: NDArray[Any], start: int, length: int, lower: Any, upper: Any
 ) -> Any:  # pragma: no cover

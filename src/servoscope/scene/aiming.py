@@ -6,13 +6,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from servoscope.compiled import compiled
 from servoscope.scene.table import Table, table_radiance
 
 Floats = NDArray[np.float32]
 Integers = NDArray[np.int32]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def aim(
     corners: Floats,
     pixels: Integers,
@@ -83,7 +84,7 @@ def aim(
     return count
 
 
-@njit(cache=True)
+@compiled()
 def steep_pixels(radiance: Floats, down: int, along: int, contrast: float) -> Integers:
     """Indices of pixels that differ by over `contrast` from the one so far down and along."""
     n_rows, n_columns = radiance.shape
@@ -97,7 +98,7 @@ def steep_pixels(radiance: Floats, down: int, along: int, contrast: float) -> In
     return steep[:count]
 
 
-@njit(cache=True)
+@compiled()
 def average_in(
     middle: Floats, between: Floats, pixels: Integers, step: int, radiance: Floats
 ) -> None:

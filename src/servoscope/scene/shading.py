@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from servoscope.compiled import compiled
 from servoscope.scene.grain import N_TEXELS
 from servoscope.scene.shadows import DARK, IN_PART, LIFT
 from servoscope.scene.table import Table, table_radiance
@@ -53,7 +54,7 @@ class Doubts(NamedTuple):
     gain: Floats
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def shade(
     rays: Floats,
     ray_of: Integers,
@@ -120,7 +121,7 @@ def shade(
     return count
 
 
-@njit(cache=True)
+@compiled()
 def add_unblocked(blocker: Integers, ray_of: Integers, gain: Floats, radiance: Floats) -> None:
     """Add to `radiance` what comes along the doubtful rays that nothing blocks (-1)."""
     for j in range(blocker.size):

@@ -7,9 +7,9 @@ faces that are lit in part need a ray towards the lamp in every image.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from servoscope.compiled import compiled
 from servoscope.scene.geometry import Geometry
 
 Floats = NDArray[np.float32]
@@ -61,7 +61,7 @@ def _points_on_faces(
     return points, faces
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _scatter(
     vertices: Floats, triangles: NDArray[np.int32], points: Floats, faces: NDArray[np.int32]
 ) -> int:
@@ -91,7 +91,7 @@ def _scatter(
     return count
 
 
-@njit(cache=True)
+@compiled()
 def _longest_first(vertices, triangle):  # type: ignore[no-untyped-def]
     """The corners of a triangle, in its order of turning, with its longest side first."""
     a, b, c = vertices[triangle[0]], vertices[triangle[1]], vertices[triangle[2]]

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from servoscope.compiled import compiled
 from servoscope.errors import InvalidInputError
 
 MAX_BINS = 256
@@ -80,7 +80,7 @@ def _check_span(low: NDArray[np.float64], high: NDArray[np.float64], name: str) 
         )
 
 
-@njit(cache=True)
+@compiled()
 def _codes(
     X: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64], n_bins: int
 ) -> Codes:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from servoscope.compiled import compiled
 from servoscope.errors import InvalidInputError
 from servoscope.selection.binning import Codes, bin_codes
 
@@ -95,7 +95,7 @@ def _n_log_n_table(n_samples: int) -> NDArray[np.float64]:
     return np.concatenate([[0.0], n * np.log2(n)])
 
 
-@njit(cache=True)
+@compiled()
 def _information(
     a: Codes, b: Codes, n_bins: int, table: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -108,7 +108,7 @@ def _information(
     return information
 
 
-@njit(cache=True)
+@compiled()
 def _pairwise_information(a: Codes, n_bins: int, table: NDArray[np.float64]) -> NDArray[np.float64]:
     sums = _marginal_sums(a, n_bins, table)
     information = np.empty((len(a), len(a)))
@@ -120,7 +120,7 @@ def _pairwise_information(a: Codes, n_bins: int, table: NDArray[np.float64]) -> 
     return information
 
 
-@njit(cache=True)
+@compiled()
 def _joint_sum(a: Codes, b: Codes, n_bins: int, table: NDArray[np.float64]) -> float:
     """Sum of n log2 n over the cells of the joint histogram of two variables."""
     counts = np.zeros((n_bins, n_bins), np.int32)
@@ -129,7 +129,7 @@ def _joint_sum(a: Codes, b: Codes, n_bins: int, table: NDArray[np.float64]) -> f
     return _sum_n_log_n(counts.ravel(), table)
 
 
-@njit(cache=True)
+@compiled()
 def _marginal_sums(a: Codes, n_bins: int, table: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sum of n log2 n over the histogram of each variable."""
     sums = np.empty(len(a))
@@ -141,7 +141,7 @@ def _marginal_sums(a: Codes, n_bins: int, table: NDArray[np.float64]) -> NDArray
     return sums
 
 
-@njit(cache=True)
+@compiled()
 def _sum_n_log_n(counts: NDArray[np.int32], table: NDArray[np.float64]) -> float:
     total = 0.0
     for n in counts:
@@ -149,12 +149,12 @@ def _sum_n_log_n(counts: NDArray[np.int32], table: NDArray[np.float64]) -> float
     return total
 
 
-@njit(cache=True)
+@compiled()
 def _n_log_n(n: int, table: NDArray[np.float64]) -> float:
     return table[n] if n < len(table) else n * np.log2(n)
 
 
-@njit(cache=True)
+@compiled()
 def _bits(
     joint: float, sum_a: float, sum_b: float, n_samples: int, table: NDArray[np.float64]
 ) -> float:
