@@ -1,0 +1,104 @@
+"""What positioning needs of a camera, of a robot, and of what turns images into displacements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+
+class Camera(Protocol):
+    """Anything that takes grey images."""
+
+    def read(self) -> Image:
+        """A new image, (height, width), taken after the call."""
+
+
+class Robot(Protocol):
+    """Anything that carries the camera.
+
+    The frame that is told and moved may be the camera's or the flange's, as long as it is the one
+    of the training poses. Where the camera sits in it need not be known.
+    """
+
+    @property
+    def pose(self) -> Array:
+        """``T_world_cam`` as the robot believes it, (4, 4), [m]."""
+
+    def move(self, displacement: Array) -> Array:
+        """Move by a displacement in the frame's own axes, ``T_new = T_now @ displacement``.
+
+        Parameters
+        ----------
+        displacement : ndarray of shape (4, 4)
+            [m].
+
+        Returns
+        -------
+        ndarray of shape (4, 4)
+            The displacement that was executed once the robot stands still, [m].
+
+        Raises
+        ------
+        Exception
+            Of any kind, if the robot cannot or will not; its message is told to the user.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Where an image was taken, as far as it tells.
+
+    Parameters
+    ----------
+    displacement : ndarray of shape (4, 4)
+        Displacement from the reference, ``inv(T_world_ref) @ T_world_cam``, [m].
+    std : ndarray of shape (6,)
+        Standard deviation that is believed of each dof about the pivot, [m] and [rad]; NaN where
+        nothing is believed.
+    novelty : float
+        How unlike the training images the image is; 1 is the most that is taken for alike, NaN
+        where that is not known.
+    stage : str
+        What answered, such as ``"coarse"`` or ``"fine"``.
+    """
+
+    displacement: Array
+    std: Array
+    novelty: float
+    stage: str
+
+
+class Estimator(Protocol):
+    """What turns an image into a displacement.
+
+    Parameters
+    ----------
+    image_shape : tuple of 2 int
+        Height and width of the images that it takes.
+    reference_image : ndarray of shape (height, width), uint8
+    pivot : float
+        Distance along z of the point that displacements are taken about, [m].
+    reach : ndarray of shape (6,)
+        Largest displacements about the pivot that it was made for, [m] and [rad].
+    """
+
+    image_shape: tuple[int, int]
+    reference_image: Image
+    pivot: float
+    reach: Array
+
+    def estimate(self, image: Image, previous: Estimate | None) -> Estimate:
+        """Where an image was taken.
+
+        Parameters
+        ----------
+        image : ndarray of shape (height, width), uint8
+        previous : Estimate or None
+            Of the image before it, whose stage hangs on; None at the start.
+        """
