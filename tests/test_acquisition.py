@@ -9,6 +9,7 @@ import pytest
 from servoscope import dataset_folder
 from servoscope.acquisition import AcquisitionConfig, acquire
 from servoscope.dataset import PoseImageSet
+from servoscope.dataset_progress import Progress, write_progress
 from servoscope.errors import FolderExistsError, InvalidInputError
 
 CONFIG = AcquisitionConfig(n_images=60, image_size=16, seed=3)
@@ -109,13 +110,23 @@ def test_an_interrupted_acquisition_goes_on_where_it_stopped(
 
 
 @pytest.mark.parametrize(
-    "step", ["write_images", "write_progress", "finish", "write_text", "write_json"]
+    "step",
+    [
+        "acquisition.create_poses",
+        "acquisition.write_poses",
+        "acquisition.write_progress",
+        "dataset_folder.finish",
+        "dataset_folder.forget_progress",
+        "dataset_folder.write_images",
+        "dataset_folder.write_json",
+        "dataset_folder.write_text",
+    ],
 )
 def test_a_stop_at_any_step_loses_nothing(
     tmp_path: Path, whole: PoseImageSet, step: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(dataset_folder, step, _interrupt)
+        patch.setattr(f"servoscope.{step}", _interrupt)
         with pytest.raises(KeyboardInterrupt):
             acquire(tmp_path, CONFIG, n_jobs=1)
     _assert_same(acquire(tmp_path, CONFIG, n_jobs=1), whole)
@@ -125,7 +136,7 @@ def test_a_stop_at_any_step_loses_nothing(
 def test_a_stop_at_the_very_end_loses_nothing(tmp_path: Path) -> None:
     config = AcquisitionConfig(n_images=2, image_size=16)
     first = acquire(tmp_path, config, n_jobs=1)
-    dataset_folder.write_progress(tmp_path, first.source, 2)
+    write_progress(tmp_path, Progress(config.plan(), 2))
     _assert_same(acquire(tmp_path, config, n_jobs=1), first)
     assert not (tmp_path / "acquisition.json").exists()
 
@@ -134,7 +145,7 @@ def test_a_finished_folder_is_only_read(tmp_path: Path, monkeypatch: pytest.Monk
     config = AcquisitionConfig(n_images=2, image_size=16)
     first = acquire(tmp_path, config, n_jobs=1)
     before = _content(tmp_path)
-    monkeypatch.setattr("servoscope.acquisition.FreeCamera", _interrupt)
+    monkeypatch.setattr("servoscope.acquisition.make_robot", _interrupt)
     _assert_same(acquire(tmp_path, config, n_jobs=1), first)
     assert _content(tmp_path) == before
 

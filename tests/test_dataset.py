@@ -8,6 +8,7 @@ import pytest
 
 from servoscope import dataset_folder
 from servoscope.dataset import PoseImageSet
+from servoscope.dataset_progress import Progress, write_progress
 from servoscope.errors import DataSetError, FolderExistsError, ServoscopeError
 from servoscope.poses import displacement_ranges, pose_error, poses_from_displacements
 
@@ -196,7 +197,7 @@ def test_a_file_is_no_folder(tmp_path):
 
 def test_an_unfinished_set_is_refused_with_how_far_it_came(tmp_path):
     dataset_folder.create(tmp_path, 100, (12, 16), plan={"seed": 0})
-    dataset_folder.write_progress(tmp_path, {"seed": 0}, 75)
+    write_progress(tmp_path, Progress({"seed": 0}, 75))
     refused(tmp_path, r"is unfinished \(75 images\); repeat the command")
 
 

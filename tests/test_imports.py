@@ -17,11 +17,13 @@ ROOMS = (
     ("errors",),
     ("files", "processes", "compiled"),
     ("poses",),
+    ("dataset_progress",),
     ("dataset_folder",),
     ("dataset",),
-    ("splits",),
+    ("splits", "schedule"),
     ("scene", "formats"),
     ("robots",),
+    ("acquisition_config",),
     ("acquisition",),
     ("features",),
     ("selection",),
@@ -34,7 +36,7 @@ ROOMS = (
     ("__main__",),
 )
 RANK = {room: rank for rank, rooms in enumerate(ROOMS) for room in rooms}
-EDGE = {"scene", "formats", "robots", "acquisition"}
+EDGE = {"scene", "formats", "robots", "acquisition_config", "acquisition"}
 CORE = {"features", "selection", "regression"}
 
 

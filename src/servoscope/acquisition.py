@@ -3,101 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from itertools import pairwise
-from typing import Any
+from itertools import chain, islice, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servoscope import dataset_folder
+from servoscope.acquisition_config import AcquisitionConfig as AcquisitionConfig
 from servoscope.dataset import PoseImageSet
-from servoscope.dataset_folder import Folder
-from servoscope.errors import FolderExistsError, InvalidInputError
+from servoscope.dataset_progress import (
+    IMAGES_PER_CHUNK,
+    Folder,
+    Progress,
+    create_poses,
+    forget_progress,
+    read_poses,
+    read_progress,
+    write_poses,
+    write_progress,
+)
+from servoscope.errors import FolderExistsError, RobotFaultError
 from servoscope.poses import poses_from_displacements
 from servoscope.processes import in_processes
-from servoscope.robots.free_camera import FreeCamera, Repeatability
-from servoscope.scene.scene import T_WORLD_REF, Scene
+from servoscope.robots.registry import make_robot
 
 Array = NDArray[np.float64]
+Images = NDArray[np.uint8]
 
-_POSES, _CAMERA, _REFERENCE = range(3)
-"""What random numbers are drawn for: each has a stream of its own."""
-
-
-@dataclass(frozen=True)
-class AcquisitionConfig:
-    """What images to take; the defaults are the paper's.
-
-    Parameters
-    ----------
-    n_images : int
-    image_size : int
-        Height and width, 16 to 2048, [px].
-    seed : int
-        Seed of the poses, the robot's errors and the noise.
-    translation_mm, rotation_deg : float
-        Displacements are drawn evenly from -this to this along and about each axis.
-    pivot_mm : float
-        Distance from the camera of the point that rotations are about.
-    repeatability_mm, repeatability_deg : float
-        Standard deviations, along and about each axis, of how far from the commanded pose the
-        robot comes to rest. The commanded pose is what is stored.
-
-    Raises
-    ------
-    InvalidInputError
-        If a number is out of its range.
-    """
-
-    n_images: int = 1000
-    image_size: int = 256
-    seed: int = 0
-    translation_mm: float = 25.0
-    rotation_deg: float = 15.0
-    pivot_mm: float = 550.0
-    repeatability_mm: float = 0.05
-    repeatability_deg: float = 0.01
-
-    def __post_init__(self) -> None:
-        self.scene()
-        for name, least in (("n_images", 1), ("seed", 0)):
-            value = getattr(self, name)
-            if not isinstance(value, int) or value < least:
-                raise InvalidInputError(
-                    f"{name} must be a whole number from {least}, got {value!r}."
-                )
-        for name, limit in (
-            ("translation_mm", 200.0),
-            ("rotation_deg", 60.0),
-            ("pivot_mm", 5000.0),
-            ("repeatability_mm", 10.0),
-            ("repeatability_deg", 10.0),
-        ):
-            value = getattr(self, name)
-            if not 0 <= value <= limit:
-                raise InvalidInputError(f"{name} must be from 0 to {limit:g}, got {value}.")
-
-    def scene(self) -> Scene:
-        """The scene that is looked at."""
-        return Scene(image_size=self.image_size)
-
-    def repeatability(self) -> Repeatability:
-        """The robot's error, in metres and radians."""
-        return Repeatability(1e-3 * self.repeatability_mm, np.radians(self.repeatability_deg))
-
-    def ranges(self) -> Array:
-        """Largest displacement of each dof about the pivot, shape (6,), [m] and [rad]."""
-        return np.array([1e-3 * self.translation_mm] * 3 + [np.radians(self.rotation_deg)] * 3)
-
-    def poses(self) -> Array:
-        """The poses that are commanded, ``T_world_cam``, shape (n_images, 4, 4), [m].
-
-        More images with the same seed begin with the same poses.
-        """
-        rng = np.random.default_rng([self.seed, _POSES])
-        delta_p = rng.uniform(-1.0, 1.0, (self.n_images, 6)) * self.ranges()
-        return poses_from_displacements(T_WORLD_REF, delta_p, 1e-3 * self.pivot_mm)
+MOST_DRAWS = 100
+"""How many poses are tried for one image before the ranges are said to be too large."""
 
 
 def acquire(
@@ -128,93 +62,126 @@ def acquire(
     Returns
     -------
     PoseImageSet
+        Its poses are those that the robot told. Where it could not go, another displacement of
+        the same ring was drawn; ``source["n_replaced"]`` counts them.
 
     Raises
     ------
     FolderExistsError
         If the folder holds a data set that was asked for with another config.
+    RobotFaultError
+        If the robot reaches none of the poses that are drawn for an image.
     """
     config = AcquisitionConfig() if config is None else config
-    plan = {"kind": "simulated cylinder head", **asdict(config)}
     if force:
         dataset_folder.remove(folder)
-    start = _begin(folder, plan, config)
-    if start is None:
+    progress = _begin(folder, config)
+    if progress is None:
         return PoseImageSet.load(folder)
-    blocks = _blocks(start, config.n_images)
+    blocks = _blocks(progress.n_done, config.total())
     n_jobs = n_jobs if len(blocks) > 1 else 1
-    for images in in_processes(_take_block, ((config, block) for block in blocks), n_jobs):
-        dataset_folder.write_images(folder, start, images)
-        start += len(images)
-        dataset_folder.write_progress(folder, plan, start)
+    for taken in in_processes(_take_block, ((config, block) for block in blocks), n_jobs):
+        progress = _write(folder, progress, *taken)
         if on_progress is not None:
-            on_progress(start)
-    (reference_image,) = in_processes(_take_reference, [(config,)], n_jobs)
-    _finish(folder, plan, config, reference_image)
+            on_progress(progress.n_done)
+    ((reference_image, T_world_ref),) = in_processes(_take_reference, [(config,)], n_jobs)
+    dataset_folder.finish(
+        folder,
+        reference_image=reference_image,
+        T_world_ref=T_world_ref,
+        T_world_cam=read_poses(folder),
+        names=[f"{i:06d}" for i in range(config.total())],
+        times=None,
+        meta={
+            "pivot": config.pivot(T_world_ref),
+            "pivot_ranges": config.pivot_ranges(),
+            "split": "random",
+            "source": {**progress.plan, "n_replaced": progress.n_replaced},
+        },
+    )
     return PoseImageSet.load(folder)
 
 
-def _begin(folder: Folder, plan: dict[str, Any], config: AcquisitionConfig) -> int | None:
-    """The first image that is missing from the folder, or None if none is."""
-    progress = dataset_folder.read_progress(folder)
-    if progress == (plan, 0):  # it may have stopped before the stack was made
+def _begin(folder: Folder, config: AcquisitionConfig) -> Progress | None:
+    """What the folder has of the acquisition already, or None if it has all."""
+    plan = config.plan()
+    if dataset_folder.is_finished(folder):
+        source = dataset_folder.read_meta(folder)["source"]
+        if source == {**plan, "n_replaced": source.get("n_replaced")}:
+            forget_progress(folder)  # it may have stopped just before
+            return None
+    progress = read_progress(folder)
+    if progress == Progress(plan, 0):  # it may have stopped before the stack was made
         dataset_folder.remove(folder)
         progress = None
-    if progress is not None and progress[0] == plan:
-        return progress[1]
-    if dataset_folder.is_finished(folder):
-        if dataset_folder.read_meta(folder)["source"] == plan:
-            return None
-    elif progress is not None:
-        made = ", ".join(f"{key} {progress[0].get(key)}" for key in ("n_images", "seed"))
+    if progress is not None and progress.plan == plan:
+        return progress
+    if progress is not None and not dataset_folder.is_finished(folder):
+        made = ", ".join(f"{key} {progress.plan.get(key)}" for key in ("n_images", "seed"))
         raise FolderExistsError(
             f"{folder} holds an unfinished acquisition of other settings ({made}); repeat them to "
             "finish it, replace it with --force, or name another folder."
         )
-    dataset_folder.create(folder, config.n_images, (config.image_size,) * 2, plan)
-    return 0
+    config.reference()  # a robot that cannot be made shall leave no folder
+    dataset_folder.create(folder, config.total(), (config.image_size,) * 2, plan)
+    create_poses(folder, config.total())
+    return Progress(plan, 0)
 
 
-def _finish(
-    folder: Folder,
-    plan: dict[str, Any],
-    config: AcquisitionConfig,
-    reference_image: NDArray[np.uint8],
-) -> None:
-    dataset_folder.finish(
-        folder,
-        reference_image=reference_image,
-        T_world_ref=T_WORLD_REF,
-        T_world_cam=config.poses(),
-        names=[f"{i:06d}" for i in range(config.n_images)],
-        times=None,
-        meta={
-            "pivot": 1e-3 * config.pivot_mm,
-            "pivot_ranges": config.ranges(),
-            "split": "random",
-            "source": plan,
-        },
+def _write(
+    folder: Folder, progress: Progress, images: Images, poses: Array, n_replaced: int
+) -> Progress:
+    """The progress once a block of images is written."""
+    dataset_folder.write_images(folder, progress.n_done, images)
+    write_poses(folder, progress.n_done, poses)
+    progress = Progress(
+        progress.plan, progress.n_done + len(images), progress.n_replaced + n_replaced
     )
+    write_progress(folder, progress)
+    return progress
 
 
 def _blocks(start: int, stop: int) -> list[range]:
     """The images from `start` on, in blocks that fill the chunks of the stack."""
-    step = dataset_folder.IMAGES_PER_CHUNK
+    step = IMAGES_PER_CHUNK
     edges = [start, *range((start // step + 1) * step, stop, step), stop]
     return [range(a, b) for a, b in pairwise(edges) if a < b]
 
 
-def _take_block(config: AcquisitionConfig, block: range) -> NDArray[np.uint8]:
-    poses = config.poses()
-    images = []
-    for i in block:
-        rng = np.random.default_rng([config.seed, _CAMERA, i])
-        camera = FreeCamera(config.scene(), poses[i], config.repeatability(), rng)
-        camera.move_to(poses[i])
-        images.append(camera.read())
-    return np.stack(images)
+def _take_block(config: AcquisitionConfig, block: range) -> tuple[Images, Array, int]:
+    """Images, the poses that the robot told, and how many draws were replaced."""
+    T_world_ref, displacements = config.reference(), config.displacements()
+    taken = [_take_image(config, T_world_ref, i, displacements[i]) for i in block]
+    images, poses, n_replaced = zip(*taken, strict=True)
+    return np.stack(images), np.stack(poses), sum(n_replaced)
 
 
-def _take_reference(config: AcquisitionConfig) -> NDArray[np.uint8]:
-    rng = np.random.default_rng([config.seed, _REFERENCE])
-    return FreeCamera(config.scene(), rng=rng).read()
+def _take_image(
+    config: AcquisitionConfig, T_world_ref: Array, i: int, first: Array
+) -> tuple[Images, Array, int]:
+    """Image `i`, where it was taken, and how many draws could not be reached.
+
+    The robot starts at its reference for every one, so that no image depends on another.
+    """
+    pivot = config.pivot(T_world_ref)
+    draws = islice(chain([first], config.replacements(i)), MOST_DRAWS)
+    for n_replaced, delta_p in enumerate(draws):
+        rng = config.camera_rng(i)
+        robot = make_robot(config.robot, config.scene(), config.repeatability(), rng)
+        try:
+            robot.move_to(poses_from_displacements(T_world_ref, delta_p, pivot))
+        except RobotFaultError as error:
+            fault = error
+            continue
+        return robot.read(), robot.pose, n_replaced
+    raise RobotFaultError(
+        f"The robot reaches none of {MOST_DRAWS} poses drawn for image {i} ({fault}); take "
+        "smaller ranges or factors."
+    )
+
+
+def _take_reference(config: AcquisitionConfig) -> tuple[Images, Array]:
+    """The mean of some images at the reference, and the pose that the robot tells there."""
+    robot = make_robot(config.robot, config.scene(), config.repeatability(), config.camera_rng())
+    images = [robot.read() for _ in range(config.plan()["n_reference_images"])]
+    return np.rint(np.mean(images, axis=0)).astype(np.uint8), robot.pose

@@ -10,7 +10,6 @@ import csv
 import io
 import shutil
 from collections.abc import Sequence
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +17,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.dataset_progress import (
+    IMAGES_PER_CHUNK,
+    Folder,
+    Progress,
+    forget_progress,
+    read_progress,
+    write_progress,
+)
 from servoscope.errors import DataSetError, FolderExistsError, InvalidInputError
 from servoscope.files import read_json, remove_parts, write_atomically, write_json, write_text
 from servoscope.poses import poses_from_quaternions, quaternions_xyzw
 
 VERSION = 1
-IMAGES_PER_CHUNK = 25
 POSE_COLUMNS = ("name", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 _PARTS = ("acquisition.json", "meta.json", "poses.csv", "reference.png")
-
-Folder = str | PathLike[str]
 
 
 def is_data_set(folder: Folder) -> bool:
@@ -55,7 +59,7 @@ def check_free(folder: Folder, *, force: bool = False) -> None:
         raise FolderExistsError(
             f"{path} holds a data set already; name another folder, or replace it with --force."
         )
-    for part in _PARTS:
+    for part in (*_PARTS, "poses.zarr"):
         if (path / part).exists():
             raise FolderExistsError(
                 f"{path} holds a {part} that is no part of a data set; name another folder."
@@ -73,7 +77,7 @@ def remove(folder: Folder) -> None:
     for part in _PARTS[1:]:
         (path / part).unlink(missing_ok=True)
     shutil.rmtree(path / "images.zarr", ignore_errors=True)
-    (path / _PARTS[0]).unlink(missing_ok=True)
+    forget_progress(path)
     remove_parts(path)
 
 
@@ -94,7 +98,7 @@ def create(
     check_free(path)
     remove(path)
     path.mkdir(parents=True, exist_ok=True)
-    write_progress(path, plan or {}, 0)
+    write_progress(path, Progress(plan or {}, 0))
     zarr.create_array(
         path / "images.zarr",
         shape=(n_images, *image_shape),
@@ -115,20 +119,6 @@ def write_images(folder: Folder, start: int, images: NDArray[np.uint8]) -> None:
         stack[start : start + len(images)] = images
 
 
-def write_progress(folder: Folder, plan: dict[str, Any], n_done: int) -> None:
-    """Note that the first `n_done` images of the plan are written."""
-    write_json(Path(folder) / "acquisition.json", {"plan": plan, "n_done": n_done})
-
-
-def read_progress(folder: Folder) -> tuple[dict[str, Any], int] | None:
-    """The plan of an unfinished data set and how many images it has, or None."""
-    path = Path(folder) / "acquisition.json"
-    if not path.exists():
-        return None
-    progress = read_json(path, DataSetError)
-    return progress["plan"], int(progress["n_done"])
-
-
 def finish(
     folder: Folder,
     *,
@@ -146,7 +136,7 @@ def finish(
     write_text(path / "poses.csv", _poses_as_csv(T_world_cam, names, times))
     reference = dict(zip(POSE_COLUMNS[1:], _pose_numbers(T_world_ref[None])[0], strict=True))
     write_json(path / "meta.json", {"version": VERSION, "reference": reference, **meta})
-    (path / "acquisition.json").unlink(missing_ok=True)
+    forget_progress(path)
 
 
 def read_meta(folder: Folder) -> dict[str, Any]:
@@ -164,7 +154,8 @@ def read_meta(folder: Folder) -> dict[str, Any]:
     if not (path / "meta.json").exists():
         if progress is not None:
             raise DataSetError(
-                f"{path} is unfinished ({progress[1]} images); repeat the command that began it."
+                f"{path} is unfinished ({progress.n_done} images); repeat the command that began "
+                "it."
             )
         raise DataSetError(f"{path} is not a data set folder: it has no meta.json.")
     meta = read_json(path / "meta.json", DataSetError)
@@ -219,7 +210,7 @@ def read(folder: Folder) -> dict[str, Any]:
 def _is_abandoned(path: Path) -> bool:
     """Whether the folder holds what an interrupted `PoseImageSet.save` left."""
     progress = read_progress(path)
-    return progress is not None and not progress[0]
+    return progress is not None and not progress.plan
 
 
 def _read_images(path: Path) -> NDArray[np.uint8]:

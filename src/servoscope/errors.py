@@ -25,5 +25,9 @@ class RunFolderError(ServoscopeError, ValueError):
     """A run folder is unfinished, damaged, or was written by another version."""
 
 
+class RobotFaultError(ServoscopeError):
+    """A robot cannot or will not do what it was asked to."""
+
+
 class ServoscopeWarning(UserWarning):
     """Something that did not stop the work but that its user should know."""

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from servoscope.commands.options import DataSetOut, Force, Jobs, Json
+from servoscope.commands.options import DataSetOut, Force, Jobs, Json, Part, RobotName
 
 
 def acquire(
     out: DataSetOut,
-    n_images: int = 1000,
+    n_images: int | None = None,
+    schedule: str | None = None,
     image_size: int = 256,
     seed: int = 0,
+    part: Part = "cylinder_head",
+    variant: int = 0,
+    robot: RobotName = "free",
     translation_mm: float = 25.0,
     rotation_deg: float = 15.0,
     pivot_mm: float = 550.0,
@@ -19,17 +23,24 @@ def acquire(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Take images of the simulated cylinder head at random poses around the reference.
+    """Take images of a simulated part at random poses around the reference.
 
     The reference looks straight down on the part from 550 mm. An interrupted acquisition goes on
     where it stopped when the same command is given again.
 
     Example: servoscope acquire head --n-images 1000 --image-size 256 --seed 0
 
+    Example: servoscope acquire rings --schedule 1000@1.0,400@0.2,400@0.03
+
+    Example: servoscope acquire plane --schedule default --part textured_plane --robot arm
+
     Args:
-        n_images: Number of images.
+        n_images: Number of images, drawn from the whole range; 1000 by default.
+        schedule: Rings to take instead, IMAGES@FACTOR each, FACTOR being the share of the range
+            that a ring is drawn from; "default" takes those recommended for positioning.
         image_size: Height and width of the images, in pixels.
         seed: Seed of the poses and of the noise.
+        variant: Another number, from 0, gives another part of the kind.
         translation_mm: Largest displacement along each axis, in mm.
         rotation_deg: Largest rotation about each axis, in degrees.
         pivot_mm: Distance of the centre of rotation from the camera, in mm.
@@ -42,6 +53,7 @@ def acquire(
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import print_facts
     from servoscope.commands.progress import progress_bar
+    from servoscope.schedule import parse_schedule
 
     config = AcquisitionConfig(
         n_images=n_images,
@@ -52,7 +64,11 @@ def acquire(
         pivot_mm=pivot_mm,
         repeatability_mm=repeatability_mm,
         repeatability_deg=repeatability_deg,
+        schedule=() if schedule is None else parse_schedule(schedule),
+        part=part,
+        variant=variant,
+        robot=robot,
     )
-    with progress_bar("images", n_images) as advance:
+    with progress_bar("images", config.total()) as advance:
         acquire_images(out, config, n_jobs=n_jobs(jobs), force=force, on_progress=advance)
     print_facts(describe_data_set(out), as_json=json)

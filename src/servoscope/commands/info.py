@@ -66,6 +66,7 @@ def describe_data_set(folder: Path) -> dict[str, Any]:
                 DOFS, ranges, DISPLAY_UNITS, data.moves(), strict=True
             )
         },
+        **_how_acquired(data.source),
         "source": data.source,
     }
 
@@ -86,6 +87,18 @@ def describe_run(folder: Path) -> dict[str, Any]:
         "finished": (folder / "report.html").exists(),
         "settings": run.settings,
         "timings_s": run.timings(),
+    }
+
+
+def _how_acquired(source: dict[str, Any]) -> dict[str, Any]:
+    """Rings, part and robot of images that were acquired; nothing of others."""
+    if "rings" not in source:
+        return {}
+    replaced = source["n_replaced"]
+    return {
+        "rings": source["rings"],
+        "part": f"{source['part']}, variant {source['variant']}",
+        "robot": source["robot"] + (f", {replaced} poses out of reach drawn anew" * bool(replaced)),
     }
 
 

@@ -25,6 +25,14 @@ Protocol = Annotated[
     arg(help="Decide on images kept for that (honest), or on the test images (paper)."),
 ]
 
+Part = Annotated[
+    Literal["cylinder_head", "textured_plane"], arg(help="What lies under the camera.")
+]
+RobotName = Annotated[
+    Literal["free", "arm"],
+    arg(help="What carries the camera: nothing, or an arm in physics, which tells its flange."),
+]
+
 
 def n_jobs(jobs: int | None) -> int:
     """Number of processes in joblib's terms for ``--jobs``, -1 being all cores.

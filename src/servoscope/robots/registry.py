@@ -1,0 +1,101 @@
+"""The simulated robots, by name.
+
+A further robot needs one line in `ROBOTS`. It has to be what `SimulatedRobot` says, stand at its
+reference when it is made, and raise `RobotFaultError` where it cannot go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from servoscope.errors import InvalidInputError
+from servoscope.robots.free_camera import FreeCamera, Repeatability
+from servoscope.scene.scene import T_WORLD_REF, Scene
+
+Array = NDArray[np.float64]
+
+
+class SimulatedRobot(Protocol):
+    """What carries the camera of a simulated cell; made, it has the camera at ``T_WORLD_REF``."""
+
+    @property
+    def pose(self) -> Array:
+        """Pose of the frame that the robot tells and moves, as it believes it, (4, 4), [m]."""
+
+    @property
+    def true_pose(self) -> Array:
+        """``T_world_cam`` as it is, (4, 4), [m]."""
+
+    def move_to(self, pose: ArrayLike) -> object:
+        """Move that frame to a pose (4, 4), [m]; raises `RobotFaultError` if it cannot."""
+
+    def read(self) -> NDArray[np.uint8]:
+        """The image from where the camera is."""
+
+
+Maker = Callable[[Scene, Repeatability, np.random.Generator | None], SimulatedRobot]
+
+
+def _free(
+    scene: Scene, repeatability: Repeatability, rng: np.random.Generator | None
+) -> SimulatedRobot:
+    return FreeCamera(scene, T_WORLD_REF, repeatability, rng)
+
+
+def _arm(
+    scene: Scene, repeatability: Repeatability, rng: np.random.Generator | None
+) -> SimulatedRobot:
+    from servoscope.robots.arm import Arm
+
+    return Arm(scene, repeatability=repeatability, rng=rng)
+
+
+ROBOTS: dict[str, Maker] = {"free": _free, "arm": _arm}
+
+
+def check_robot(name: str) -> str:
+    """`name` itself, if it is one of `ROBOTS`.
+
+    Raises
+    ------
+    InvalidInputError
+        If it is not.
+    """
+    if name not in ROBOTS:
+        raise InvalidInputError(f"robot must be one of {', '.join(sorted(ROBOTS))}, got {name!r}.")
+    return name
+
+
+def make_robot(
+    name: str,
+    scene: Scene,
+    repeatability: Repeatability | None = None,
+    rng: np.random.Generator | None = None,
+) -> SimulatedRobot:
+    """A robot that stands at its reference.
+
+    Parameters
+    ----------
+    name : str
+        One of `ROBOTS`.
+    scene : Scene
+    repeatability : Repeatability, optional
+        How far from where it was sent it comes to rest; nowhere but there by default.
+    rng : Generator, optional
+        Draws the errors of motion and the noise of the sensor; without it there are none.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is no such robot.
+
+    Examples
+    --------
+    >>> make_robot("free", Scene(image_size=32)).read().shape
+    (32, 32)
+    """
+    return ROBOTS[check_robot(name)](scene, repeatability or Repeatability(), rng)
