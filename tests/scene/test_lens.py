@@ -42,7 +42,21 @@ def test_a_lens_that_folds_the_image_over_is_refused() -> None:
         Lens(distortion=(-2.0, 0.0))
 
 
-@pytest.mark.parametrize("focal_length", [0.0, -1.0, np.nan])
+@pytest.mark.parametrize("focal_length", [0.0, -1.0])
 def test_a_focal_length_that_is_not_positive_is_refused(focal_length: float) -> None:
     with pytest.raises(InvalidInputError, match="focal_length must be positive"):
         Lens(focal_length=focal_length)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("focal_length", np.inf),
+        ("focal_length", np.nan),
+        ("principal_point", (np.nan, 0.5)),
+        ("distortion", (0.0, np.nan)),
+    ],
+)
+def test_numbers_that_are_not_finite_are_refused(name: str, value: object) -> None:
+    with pytest.raises(InvalidInputError, match=f"{name} must be finite, got"):
+        Lens(**{name: value})

@@ -165,5 +165,5 @@ def test_image_sizes_out_of_range_are_refused(image_size: int) -> None:
 
 
 def test_a_lamp_that_takes_light_away_is_refused() -> None:
-    with pytest.raises(InvalidInputError, match="strength must not be negative, got -1"):
+    with pytest.raises(InvalidInputError, match="strength must be finite and not negative, got -1"):
         PointLight(position=(0, 0, 1), strength=-1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,7 +34,8 @@ class Lens:
     Raises
     ------
     InvalidInputError
-        If the focal length is not positive, or the distortion folds the image over.
+        If a number is not finite, the focal length not positive, or the distortion folds the
+        image over.
     """
 
     focal_length: float = 1.618
@@ -41,6 +43,9 @@ class Lens:
     distortion: tuple[float, float] = (-0.12, 0.04)
 
     def __post_init__(self) -> None:
+        for name in ("focal_length", "principal_point", "distortion"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise InvalidInputError(f"{name} must be finite, got {getattr(self, name)}.")
         if not self.focal_length > 0:
             raise InvalidInputError(f"focal_length must be positive, got {self.focal_length}.")
         k1, k2 = self.distortion
@@ -111,3 +116,10 @@ class Lens:
             r -= (r * (1 + k1 * r2 + k2 * r2**2) - r_seen) / (1 + 3 * k1 * r2 + 5 * k2 * r2**2)
         scale = np.divide(r, r_seen, out=np.ones_like(r), where=r_seen > 0)
         return np.concatenate([seen * scale, np.ones_like(r)], axis=-1)
+
+
+@lru_cache(maxsize=4)
+def pixel_rays(lens: Lens, image_size: int) -> NDArray[np.float32]:
+    """Where what each pixel's middle sees lies at unit depth, shape (size, size, 2)."""
+    grid = np.stack(np.meshgrid(*2 * [np.arange(image_size)]), axis=-1)
+    return np.ascontiguousarray(lens.rays(grid, image_size)[..., :2], dtype=np.float32)

@@ -23,14 +23,23 @@ class PointLight:
         In the world, [m].
     strength : float
         [m^2].
+
+    Raises
+    ------
+    InvalidInputError
+        If a number is not finite, or the strength is negative.
     """
 
     position: tuple[float, float, float]
     strength: float
 
     def __post_init__(self) -> None:
-        if not self.strength >= 0:
-            raise InvalidInputError(f"strength must not be negative, got {self.strength}.")
+        if len(self.position) != 3 or not np.isfinite(self.position).all():
+            raise InvalidInputError(f"position must be 3 finite numbers, got {self.position}.")
+        if not 0 <= self.strength < np.inf:
+            raise InvalidInputError(
+                f"strength must be finite and not negative, got {self.strength}."
+            )
 
 
 @dataclass(frozen=True)
@@ -44,6 +53,11 @@ class Lighting:
     ambient : float
         Radiance that a white surface under open sky scatters from the light that comes from
         all around.
+
+    Raises
+    ------
+    InvalidInputError
+        If the ambient light is negative or not finite.
     """
 
     lamps: tuple[PointLight, ...] = (
@@ -51,6 +65,10 @@ class Lighting:
         PointLight(position=(-0.80, -0.45, 1.05), strength=0.50),
     )
     ambient: float = 0.68
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.ambient < np.inf:
+            raise InvalidInputError(f"ambient must be finite and not negative, got {self.ambient}.")
 
     def lamp_rows(self) -> NDArray[np.float32]:
         """Position and strength of each lamp, shape (n_lamps, 4)."""

@@ -8,10 +8,12 @@ import numpy as np
 
 from servoscope.errors import InvalidInputError
 from servoscope.poses import rigid_transform
+from servoscope.scene.covering import Covering
 from servoscope.scene.lens import Lens
 from servoscope.scene.lights import Lighting
 from servoscope.scene.part import CylinderHead
 from servoscope.scene.sensor import Sensor
+from servoscope.scene.textured_plane import TexturedPlane
 
 STANDOFF = 0.55
 """Height of the reference camera over the deck of the part, [m]."""
@@ -29,20 +31,23 @@ class Scene:
 
     Parameters
     ----------
-    part : CylinderHead
-        Its deck lies in the plane z = 0; it stands on a white table.
+    part : CylinderHead or TexturedPlane
+        Its deck lies in the plane z = 0. A head stands on a white table; a plane fills the view.
     lighting : Lighting
     lens : Lens
     sensor : Sensor
     image_size : int
         Height and width of the images, 16 to 2048, [px].
+    covering : Covering, optional
+        What hangs before the lens.
     """
 
-    part: CylinderHead = field(default_factory=CylinderHead)
+    part: CylinderHead | TexturedPlane = field(default_factory=CylinderHead)
     lighting: Lighting = field(default_factory=Lighting)
     lens: Lens = field(default_factory=Lens)
     sensor: Sensor = field(default_factory=Sensor)
     image_size: int = 256
+    covering: Covering | None = None
 
     def __post_init__(self) -> None:
         low, high = SIZE_LIMITS

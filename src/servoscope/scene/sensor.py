@@ -77,10 +77,11 @@ class Sensor:
         light = cv2.GaussianBlur(radiance, (0, 0), sigma) if sigma > 0.1 else radiance
         signal = light * (self.exposure * self._vignette(size))
         if rng is not None:
-            electrons = signal * self.full_well
-            noise = np.sqrt(electrons + np.float32(self.read_noise**2))
+            signal *= np.float32(self.full_well)
+            noise = np.sqrt(signal + np.float32(self.read_noise**2))
             noise *= rng.standard_normal(signal.shape, dtype=np.float32)
-            signal = (electrons + noise) / np.float32(self.full_well)
+            signal += noise
+            signal /= np.float32(self.full_well)
         grey = signal * np.float32(255 * self.gain) + np.float32(0.5)
         return np.clip(grey, 0, 255).astype(np.uint8)
 
