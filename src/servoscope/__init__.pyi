@@ -13,6 +13,9 @@ from .formats import TumOptions as TumOptions
 from .formats import read_folder as read_folder
 from .formats import read_tum as read_tum
 from .poses import DOFS as DOFS
+from .positioning import LoopSettings as LoopSettings
+from .positioning import Positioner as Positioner
+from .positioning import PositioningResult as PositioningResult
 from .regression import LMRegressor as LMRegressor
 from .regression import NetworkJob as NetworkJob
 from .regression import PoseRegressor as PoseRegressor

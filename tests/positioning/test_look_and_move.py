@@ -1,0 +1,174 @@
+"""The loop arrives with a fair estimator, and is stopped with a wrong one."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from planar import RANGES
+from planar_cell import T_WORLD_REF, Cell, Oracle
+from servoscope.errors import InvalidInputError
+from servoscope.poses import displacement_ranges, displacements_from_poses, pose_error
+from servoscope.positioning.interfaces import Estimate
+from servoscope.positioning.look_and_move import Positioner
+from servoscope.positioning.settings import LoopSettings
+
+START = 0.5 * RANGES * [1, -1, 1, -1, 1, 1]
+
+unit_cube = arrays(float, 6, elements=st.floats(-1, 1, width=32))
+
+
+@settings(max_examples=40, deadline=None)
+@given(start=unit_cube, gain=arrays(float, 6, elements=st.floats(0.7, 1.3)))
+def test_with_estimates_within_30_percent_it_arrives_without_leaving_the_box(start, gain) -> None:
+    cell = Cell(start * RANGES)
+    result = Positioner(Oracle(cell, lambda p: gain * p)).run(cell, cell)
+    distance, angle = pose_error(T_WORLD_REF, cell.pose)
+    assert result.status == "converged", result.message
+    assert distance < 0.05e-3 / 0.7
+    assert angle < np.radians(0.005) / 0.7
+    offsets = displacements_from_poses(cell.poses[0], np.array(cell.poses), 0.0)
+    assert (np.abs(offsets) <= 1.3 * displacement_ranges(RANGES, 0.55, "camera") + 1e-9).all()
+
+
+@settings(max_examples=40, deadline=None)
+@given(start=unit_cube.filter(lambda start: np.abs(start).max() > 0.05), gain=st.floats(0.2, 1))
+def test_with_the_wrong_sign_it_is_stopped_and_goes_back(start, gain) -> None:
+    cell = Cell(start * RANGES)
+    limits = LoopSettings(max_moves=40)
+    result = Positioner(Oracle(cell, lambda p: -gain * p), limits).run(cell, cell)
+    assert result.status in ("diverged", "out_of_workspace")
+    if result.status == "diverged":
+        best = min(result.steps, key=lambda step: step.image_error)
+        np.testing.assert_allclose(cell.pose, best.pose, atol=1e-9)
+        assert result.steps[result.returned_to] is best
+    offsets = displacements_from_poses(cell.poses[0], np.array(cell.poses), 0.0)
+    assert (np.abs(offsets) <= 1.3 * displacement_ranges(RANGES, 0.55, "camera") + 1e-9).all()
+
+
+def test_a_perfect_estimator_needs_one_move() -> None:
+    cell = Cell(START)
+    result = Positioner(Oracle(cell, std=1e-3)).run(cell, cell)
+    assert (result.status, result.moves, len(result.steps)) == ("converged", 1, 2)
+    np.testing.assert_allclose(result.remaining, 0, atol=1e-12)
+    np.testing.assert_allclose(result.predicted_error, 1e-3 * RANGES)
+
+
+def test_a_dry_run_tells_the_move_and_makes_none() -> None:
+    cell = Cell(START)
+    result = Positioner(Oracle(cell)).run(cell, cell, dry_run=True)
+    assert (result.moves, len(cell.poses)) == (0, 1)
+    assert result.message.startswith("Dry run: the robot would move ")
+    np.testing.assert_allclose(cell.pose @ result.steps[0].commanded, T_WORLD_REF, atol=1e-12)
+    np.testing.assert_allclose(result.remaining, START, atol=1e-12)
+
+
+def test_a_dry_run_at_the_reference_has_converged() -> None:
+    cell = Cell(np.zeros(6))
+    assert Positioner(Oracle(cell)).run(cell, cell, dry_run=True).status == "converged"
+
+
+def test_long_steps_are_cut_and_still_arrive() -> None:
+    cell = Cell(START)
+    limits = LoopSettings(max_step_mm=20, max_step_deg=4, max_moves=20)
+    result = Positioner(Oracle(cell), limits).run(cell, cell)
+    assert result.status == "converged"
+    steps = [pose_error(a, b) for a, b in zip(cell.poses, cell.poses[1:], strict=False)]
+    assert max(distance for distance, _ in steps) <= 20e-3 * (1 + 1e-6)
+    assert max(angle for _, angle in steps) <= np.radians(4) * (1 + 1e-6)
+    assert result.moves > 3
+
+
+def test_a_step_of_the_estimators_own_is_made_instead_of_the_whole_way() -> None:
+    class Damped(Estimate):
+        step = None
+
+    class Slow(Oracle):
+        def estimate(self, image, previous):
+            whole, half = super().estimate(image, None), Oracle(self.cell, lambda p: p / 2)
+            estimate = Damped(whole.displacement, whole.std, whole.novelty, whole.stage)
+            object.__setattr__(estimate, "step", half.estimate(image, None).displacement)
+            return estimate
+
+    cell = Cell(START)
+    result = Positioner(Slow(cell), LoopSettings(max_moves=20)).run(cell, cell)
+    assert result.status == "converged"
+    assert 8 <= result.moves <= 12
+    np.testing.assert_allclose(result.remaining, cell.delta_p, atol=1e-12)
+
+
+@pytest.mark.parametrize("std", [0.01, 0.05])
+def test_noise_in_the_estimates_ends_the_run_as_near_as_it_allows(std: float) -> None:
+    moves = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        cell = Cell(START)
+        oracle = Oracle(cell, lambda p, rng=rng: p + std * RANGES * rng.normal(size=6), std=std)
+        result = Positioner(oracle).run(cell, cell)
+        assert result.status == "converged"
+        assert "noise" in result.message
+        assert np.abs(cell.delta_p / (std * RANGES)).max() < 4.5
+        moves.append(result.moves)
+    assert np.median(moves) <= 3
+
+
+def test_an_insignificant_coarse_estimate_does_not_end_the_run() -> None:
+    class TwoStages(Oracle):
+        def estimate(self, image, previous):
+            fine = Oracle(self.cell, std=1e-4).estimate(image, None)
+            if np.abs(self.cell.delta_p / RANGES).max() < 0.1:
+                return fine
+            return Estimate(fine.displacement, RANGES, np.nan, "coarse")
+
+    cell = Cell(START)
+    result = Positioner(TwoStages(cell)).run(cell, cell)
+    assert result.status == "converged"
+    assert np.abs(cell.delta_p / RANGES).max() < 1e-6
+
+
+def test_too_few_moves_end_where_the_image_was_best() -> None:
+    cell = Cell(START)
+    result = Positioner(Oracle(cell, lambda p: 0.3 * p), LoopSettings(max_moves=3)).run(cell, cell)
+    assert (result.status, result.moves) == ("max_moves", 3)
+    np.testing.assert_allclose(result.remaining, 0.3 * cell.delta_p, atol=1e-9)
+    assert result.returned_to is None
+
+    cell = Cell(START)
+    worse = Positioner(Oracle(cell, lambda p: -p / 2), LoopSettings(max_moves=1)).run(cell, cell)
+    assert (worse.status, worse.returned_to, worse.moves) == ("max_moves", 0, 2)
+    np.testing.assert_allclose(cell.delta_p, START, atol=1e-12)
+
+
+def test_the_estimator_is_told_its_own_estimate_before() -> None:
+    seen = []
+
+    class Listening(Oracle):
+        def estimate(self, image, previous):
+            seen.append(previous)
+            return super().estimate(image, previous)
+
+    cell = Cell(START)
+    result = Positioner(Listening(cell, lambda p: 0.8 * p)).run(cell, cell)
+    assert seen == [None, *(step.estimate for step in result.steps[:-1])]
+
+
+def test_each_look_is_told_before_the_robot_moves() -> None:
+    cell, told = Cell(START), []
+
+    def on_step(step, image):
+        told.append((step.executed, len(cell.poses), image.shape))
+
+    result = Positioner(Oracle(cell)).run(cell, cell, on_step=on_step)
+    assert told == [(None, 1, (48, 48)), (None, 2, (48, 48))]
+    assert result.steps[0].executed is not None
+
+
+def test_a_reference_image_without_anything_in_it_is_refused() -> None:
+    oracle = Oracle(Cell(START))
+    oracle.reference_image = np.full((48, 48), 128, np.uint8)
+    with pytest.raises(InvalidInputError, match="reference image must show something"):
+        Positioner(oracle)
+    oracle.reference_image = np.zeros((40, 48), np.uint8)
+    with pytest.raises(InvalidInputError, match="48 x 48 pixels, but the camera gave 48 x 40"):
+        Positioner(oracle)

@@ -1,0 +1,292 @@
+"""Whatever the camera, the robot or the estimator do wrong: a status, one line, and no motion."""
+
+import re
+import threading
+import time
+
+import cv2
+import numpy as np
+import pytest
+from scipy.linalg import expm, logm
+
+from planar import RANGES, planar_images
+from planar_cell import SIZE, Cell, Oracle
+from servoscope.poses import rigid_transform
+from servoscope.positioning.interfaces import Estimate
+from servoscope.positioning.look_and_move import Positioner
+from servoscope.positioning.result import STATUSES, PositioningResult
+from servoscope.positioning.settings import LoopSettings
+
+START = 0.5 * RANGES * [1, -1, 1, -1, 1, 1]
+SHORT = LoopSettings(read_timeout_s=0.1, move_timeout_s=0.1)
+
+
+def run(cell: Cell, camera=None, robot=None, oracle=None, settings=SHORT) -> PositioningResult:
+    oracle = Oracle(cell, lambda p: 0.7 * p) if oracle is None else oracle
+    result = Positioner(oracle, settings).run(robot or cell, camera or cell)
+    assert result.status in STATUSES
+    assert result.message
+    assert "\n" not in result.message
+    return result
+
+
+class FaultyCamera:
+    """The cell's camera, with ``fault(image)`` in place of the third image and those after it."""
+
+    def __init__(self, cell: Cell, fault) -> None:
+        self.cell, self.fault, self.n_read, self.poses_then = cell, fault, 0, 0
+
+    def read(self):
+        self.n_read += 1
+        if self.n_read < 3:
+            self.last = self.cell.read()
+            return self.last
+        self.poses_then = len(self.cell.poses)
+        return self.fault(self)
+
+
+def _raise(error: BaseException):
+    raise error
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        (lambda c: np.zeros((SIZE, SIZE), np.uint8), "is black: 100 % of it"),
+        (lambda c: np.full((SIZE, SIZE), 255, np.uint8), "is saturated: 100 % of it"),
+        (lambda c: np.full((SIZE, SIZE), 90, np.uint8), "is empty: its contrast is 0.0"),
+        (lambda c: np.clip(c.cell.read() * 9.0, 0, 255).astype(np.uint8), "is saturated"),
+        (
+            lambda c: np.random.default_rng(0).integers(0, 14, (SIZE, SIZE), np.uint8),
+            "is black: its contrast",
+        ),
+        (lambda c: c.last, "is frozen: not a bit of it changed while the robot moved"),
+        (
+            lambda c: c.cell.read()[:40],
+            "takes images of 48 x 48 pixels, but the camera gave 48 x 4",
+        ),
+        (lambda c: cv2.cvtColor(c.cell.read(), cv2.COLOR_GRAY2BGR), "grey images"),
+        (lambda c: c.cell.read() / 255, "grey images.*float64"),
+        (lambda c: None, "an array, but gave a NoneType"),
+        (lambda c: _raise(OSError("cable\nis out")), "The camera failed: cable is out"),
+        (lambda c: _raise(OSError()), "The camera failed: OSError"),
+        (lambda c: time.sleep(1), r"gave no image \(time-out after 0.1 s\)"),
+    ],
+)
+def test_a_camera_that_goes_wrong_in_mid_loop_ends_the_run(fault, message: str) -> None:
+    cell = Cell(START)
+    camera = FaultyCamera(cell, fault)
+    result = run(cell, camera=camera)
+    assert result.status == "camera_fault"
+    assert re.search(message, result.message)
+    assert len(cell.poses) == camera.poses_then == 3
+    assert (result.moves, len(result.steps)) == (2, 2)
+
+
+def test_small_moves_of_a_frozen_camera_add_up() -> None:
+    cell = Cell(0.02 * RANGES)
+    image = cell.read()
+    camera = FaultyCamera(cell, lambda c: image)
+    camera.n_read = 5
+    result = run(cell, camera, oracle=Oracle(cell, lambda p: 0.2 * p))
+    assert result.status == "camera_fault"
+    assert "frozen" in result.message
+    assert 2 <= result.moves <= 6
+
+
+def test_the_same_image_is_no_fault_while_the_robot_stands() -> None:
+    cell = Cell(START)
+    result = run(cell, oracle=Oracle(cell, lambda p: 1e-3 * p))
+    assert result.status == "max_moves"
+
+
+def test_bright_noisy_covered_and_dim_images_are_looked_at() -> None:
+    def covered(image):
+        image[: SIZE // 2, : SIZE // 2] = 255
+        return image
+
+    for change in (covered, lambda image: image // 4, lambda image: image // 2 + 127):
+        cell = Cell(START)
+        camera = FaultyCamera(cell, lambda c, change=change: change(c.cell.read()))
+        assert run(cell, camera).status == "converged"
+    cell = Cell(START, noise=10)
+    assert run(cell).status == "converged"
+
+
+def test_a_model_for_another_image_size_is_told_before_anything_moves() -> None:
+    cell = Cell(START)
+    oracle = Oracle(cell)
+    oracle.image_shape = (64, 96)
+    oracle.reference_image = planar_images(np.zeros((1, 6)), 96, seed=3)[0][:64]
+    result = run(cell, oracle=oracle)
+    assert result.status == "camera_fault"
+    assert "takes images of 96 x 64 pixels, but the camera gave 48 x 48" in result.message
+    assert len(cell.poses) == 1
+
+
+def test_an_image_unlike_the_training_images_is_abstained_from() -> None:
+    cell = Cell(START)
+    result = run(cell, oracle=Oracle(cell, novelty=3.217))
+    assert result.status == "abstained"
+    assert "3.22 where at most 1.00 is allowed" in result.message
+    assert len(cell.poses) == 1
+    assert len(result.steps) == 1
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (lambda: np.full((4, 4), np.nan), "no rigid displacement"),
+        (lambda: np.diag([1.0, 1.0, -1.0, 1.0]), "no rigid displacement"),
+        (lambda: rigid_transform(np.eye(3), [np.inf, 0, 0]), "no rigid displacement"),
+        (lambda: _raise(ZeroDivisionError("no\nway")), "failed: ZeroDivisionError: no way"),
+    ],
+)
+def test_an_estimator_that_gives_nonsense_or_fails_is_abstained_from(answer, message) -> None:
+    class Broken(Oracle):
+        def estimate(self, image, previous):
+            return Estimate(answer(), self.std, np.nan, "broken")
+
+    cell = Cell(START)
+    result = run(cell, oracle=Broken(cell))
+    assert result.status == "abstained"
+    assert message in result.message
+    assert len(cell.poses) == 1
+
+
+class FaultyRobot:
+    """The cell's robot, with ``fault(cell, displacement)`` as its second move."""
+
+    def __init__(self, cell: Cell, fault) -> None:
+        self.cell, self.fault, self.n_asked, self.stops = cell, fault, 0, 0
+
+    @property
+    def pose(self):
+        return self.cell.pose
+
+    def move(self, displacement):
+        self.n_asked += 1
+        if self.n_asked == 2:
+            return self.fault(self.cell, displacement)
+        return self.cell.move(displacement)
+
+    def stop(self):
+        self.stops += 1
+
+
+def half(displacement: np.ndarray) -> np.ndarray:
+    return expm(0.5 * logm(displacement)).real
+
+
+def _lies(cell: Cell, displacement: np.ndarray) -> np.ndarray:
+    cell.move(half(displacement))
+    return displacement
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        (lambda cell, D: cell.move(half(D)), "was to move .* and moved"),
+        (_lies, "was to move .* and moved"),
+        (lambda cell, D: np.eye(4), "and moved 0.00 mm and 0.000 deg"),
+        (lambda cell, D: _raise(RuntimeError("joint 3\nat its limit")), "joint 3 at its limit"),
+        (lambda cell, D: cell.move(D) * np.nan, "finite rigid .* nan"),
+        (lambda cell, D: 2 * cell.move(D), "finite rigid"),
+        (lambda cell, D: cell.poses.append(cell.pose * np.nan) or D, "tell its pose as a finite"),
+        (lambda cell, D: None, "told None"),
+        (lambda cell, D: time.sleep(1), "time-out after 0.1 s"),
+    ],
+)
+def test_a_robot_that_goes_wrong_ends_the_run_and_is_stopped(fault, message: str) -> None:
+    cell = Cell(START)
+    robot = FaultyRobot(cell, fault)
+    result = run(cell, robot=robot)
+    assert result.status == "robot_fault"
+    assert re.search(message, result.message)
+    assert (robot.n_asked, robot.stops, result.moves) == (2, 1, 1)
+    assert np.isnan(result.remaining).all()
+
+
+@pytest.mark.parametrize(
+    "pose", [np.full((4, 4), np.nan), np.diag([1.0, 1, -1, 1]), None, np.eye(3)]
+)
+def test_a_robot_that_does_not_know_where_it_is_does_not_move(pose) -> None:
+    class Lost:
+        n_moves = 0
+
+        def __init__(self) -> None:
+            self.pose = pose
+
+        def move(self, displacement):
+            self.n_moves += 1
+
+    robot = Lost()
+    result = run(Cell(START), robot=robot)
+    assert (result.status, robot.n_moves) == ("robot_fault", 0)
+
+
+def test_a_robot_fault_on_the_way_back_is_a_robot_fault() -> None:
+    cell = Cell(0.3 * START)
+    oracle = Oracle(cell, lambda p: -0.5 * p)
+    robot = FaultyRobot(cell, lambda cell, D: cell.move(D))
+    assert run(cell, robot=robot, oracle=oracle).status == "diverged"
+    n_moves = robot.n_asked
+    cell.poses[1:] = []
+    robot = FaultyRobot(cell, None)
+    robot.move = lambda D: cell.move(D if len(cell.poses) < n_moves else half(D))
+    assert run(cell, robot=robot, oracle=oracle).status == "robot_fault"
+    assert len(cell.poses) == n_moves + 1
+
+
+@pytest.mark.parametrize("where", ["camera", "robot", "on_step"])
+def test_ctrl_c_stops_the_robot_and_still_gives_a_result(where: str) -> None:
+    cell = Cell(START)
+    robot = FaultyRobot(cell, lambda cell, D: _raise(KeyboardInterrupt()))
+    if where != "robot":
+        robot.fault = Cell.move
+    camera = FaultyCamera(cell, lambda c: _raise(KeyboardInterrupt()))
+    if where != "camera":
+        camera.n_read = -100
+
+    def on_step(step, image):
+        if where == "on_step" and len(cell.poses) == 2:
+            raise KeyboardInterrupt
+
+    result = Positioner(Oracle(cell, lambda p: 0.7 * p), SHORT).run(robot, camera, on_step=on_step)
+    assert (result.status, robot.stops) == ("interrupted", 1)
+    assert result.message == "Interrupted by the user. It was stopped."
+    assert len(result.steps) == 2
+    assert np.isnan(result.remaining).all() == (where == "robot")
+
+
+def test_ctrl_c_is_heard_while_a_device_is_waited_for() -> None:
+    cell = Cell(START)
+    robot = FaultyRobot(cell, lambda cell, D: time.sleep(2))
+    robot.n_asked = 1
+    timer = threading.Timer(0.3, lambda: __import__("_thread").interrupt_main())
+    timer.start()
+    start = time.perf_counter()
+    result = run(cell, robot=robot, settings=LoopSettings())
+    assert result.status == "interrupted"
+    assert time.perf_counter() - start < 1.9
+    assert robot.stops == 1
+
+
+def test_without_a_time_out_everything_runs_in_the_thread_of_the_caller() -> None:
+    cell, threads = Cell(START), set()
+
+    class Camera:
+        def read(self):
+            threads.add(threading.current_thread())
+            return cell.read()
+
+    run(cell, camera=Camera(), settings=LoopSettings(read_timeout_s=None, move_timeout_s=None))
+    assert threads == {threading.main_thread()}
+
+
+def test_a_robot_without_stop_or_with_a_broken_one_is_told_of() -> None:
+    cell = Cell(START)
+    cell.move = lambda D: _raise(RuntimeError("no"))
+    assert "offers no stop()" in run(cell).message
+    cell.stop = lambda: _raise(RuntimeError("nor this"))
+    assert "stop() failed: nor this" in run(cell).message
