@@ -1,0 +1,220 @@
+"""The folder that a run is written to while it goes, and looking at it again.
+
+``run.json`` says what ran, ``reference.png`` what it looked for. ``steps.jsonl`` gains a line a
+look, before the robot moves, once its image is in ``images/``; ``result.json`` comes last.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from servoscope import __version__
+from servoscope.errors import FolderExistsError, InvalidInputError, RunFolderError
+from servoscope.files import read_json, write_atomically, write_json
+from servoscope.poses import pose_error
+from servoscope.positioning.guard import is_finite_rigid
+from servoscope.positioning.interfaces import Array, Estimate, Estimator, Image
+from servoscope.positioning.look_and_move import Positioner
+from servoscope.positioning.result import PositioningResult, Step, plain
+
+VERSION = 1
+
+Folder = str | PathLike[str]
+
+_SAME_M, _SAME_RAD = 1e-6, 1e-6
+
+
+class RunLog:
+    """A new folder for the log of one run.
+
+    Parameters
+    ----------
+    folder : path
+    positioner : Positioner
+        What is going to run.
+
+    Raises
+    ------
+    FolderExistsError
+        If there is anything in the folder already.
+
+    Examples
+    --------
+    ``positioner.run(robot, camera, on_step=log.write)``, then ``log.finish(result)``.
+    """
+
+    def __init__(self, folder: Folder, positioner: Positioner) -> None:
+        self.path = Path(folder)
+        if self.path.exists() and (not self.path.is_dir() or any(self.path.iterdir())):
+            raise FolderExistsError(f"{self.path} is there already; name a new folder for the log.")
+        (self.path / "images").mkdir(parents=True)
+        self._n_steps = 0
+        estimator = positioner.estimator
+        _write_image(self.path / "reference.png", estimator.reference_image)
+        facts = {
+            "version": VERSION,
+            "servoscope": __version__,
+            "image_shape": list(estimator.image_shape),
+            "pivot": float(estimator.pivot),
+            "reach": plain(estimator.reach),
+            "settings": asdict(positioner.settings),
+        }
+        write_json(self.path / "run.json", facts)
+
+    def write(self, step: Step, image: Image) -> None:
+        """Write a look; it is on the disk when this returns."""
+        name = f"images/{self._n_steps:03d}.png"
+        _write_image(self.path / name, image)
+        line = json.dumps({"image": name, **step.to_dict()}, allow_nan=False)
+        with open(self.path / "steps.jsonl", "ab") as file:
+            file.write(line.encode() + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
+        self._n_steps += 1
+
+    def finish(self, result: PositioningResult) -> None:
+        """Write how the run ended."""
+        write_json(self.path / "result.json", result.to_dict())
+
+
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """What an estimator makes of an image of the log.
+
+    Parameters
+    ----------
+    logged : Estimate
+        As it was in the run.
+    now : Estimate
+    distance, angle : float
+        Between the two displacements, [m] and [rad].
+    """
+
+    logged: Estimate
+    now: Estimate
+    distance: float
+    angle: float
+
+    @property
+    def differs(self) -> bool:
+        """Whether it is another stage, or more than a micrometre or a microradian."""
+        same = self.distance <= _SAME_M and self.angle <= _SAME_RAD
+        return self.logged.stage != self.now.stage or not same
+
+
+def replay(folder: Folder, estimator: Estimator) -> tuple[Replayed, ...]:
+    """Show the images of a log to an estimator again, each with its own estimate before.
+
+    Parameters
+    ----------
+    folder : path
+        That a `RunLog` has written, of a run that may have been cut short.
+    estimator : Estimator
+        That of the run, or another that takes images of the same size.
+
+    Returns
+    -------
+    tuple of Replayed
+        One a look.
+
+    Raises
+    ------
+    RunFolderError
+        If the log is missing, damaged, or of another version.
+    InvalidInputError
+        If the estimator takes images of another size.
+    """
+    replayed: list[Replayed] = []
+    for step, image in read_steps(folder):
+        if image.shape != tuple(estimator.image_shape):
+            raise InvalidInputError(
+                f"The estimator must take the images of the log, {image.shape[1]} x "
+                f"{image.shape[0]}, but it takes {estimator.image_shape[1]} x "
+                f"{estimator.image_shape[0]}; replay with the model of that run."
+            )
+        now = estimator.estimate(image, replayed[-1].now if replayed else None)
+        distance, angle = np.nan, np.nan
+        if all(is_finite_rigid(T) for T in (step.estimate.displacement, now.displacement)):
+            distance, angle = map(float, pose_error(step.estimate.displacement, now.displacement))
+        replayed.append(Replayed(step.estimate, now, distance, angle))
+    return tuple(replayed)
+
+
+def read_steps(folder: Folder) -> Iterator[tuple[Step, Image]]:
+    """The looks of a log, each with its image; a last one that was cut short is left out.
+
+    Raises
+    ------
+    RunFolderError
+        If the log is missing, damaged, or of another version.
+    """
+    path = Path(folder)
+    run = read_json(path / "run.json", RunFolderError)
+    if run.get("version") != VERSION:
+        raise RunFolderError(
+            f"{path} is a log of version {run.get('version')!r}, this servoscope reads version "
+            f"{VERSION}."
+        )
+    steps = path / "steps.jsonl"
+    try:
+        lines = steps.read_bytes().split(b"\n")[:-1] if steps.exists() else []
+    except OSError as error:
+        raise RunFolderError(f"{steps} cannot be read ({error}).") from error
+    for number, line in enumerate(lines):
+        try:
+            yield _read_step(json.loads(line)), _read_image(path / f"images/{number:03d}.png")
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
+            raise RunFolderError(
+                f"Line {number + 1} of {steps} is damaged ({' '.join(str(error).split())}); "
+                "the lines before it are whole, so shorten the file to them."
+            ) from error
+
+
+def _read_step(record: dict[str, Any]) -> Step:
+    estimate = Estimate(
+        _array(record, "displacement", (4, 4)),
+        _array(record, "std", (6,)),
+        float(_array(record, "novelty", ())),
+        str(record["stage"]),
+    )
+    return Step(
+        pose=_array(record, "pose", (4, 4)),
+        image_error=float(_array(record, "image_error", ())),
+        estimate=estimate,
+        commanded=_motion(record, "commanded"),
+        executed=_motion(record, "executed"),
+        seconds=float(_array(record, "seconds", ())),
+    )
+
+
+def _motion(record: dict[str, Any], name: str) -> Array | None:
+    return None if record[name] is None else _array(record, name, (4, 4))
+
+
+def _array(record: dict[str, Any], name: str, shape: tuple[int, ...]) -> Array:
+    array = np.array(record[name], dtype=float)
+    if array.shape != shape:
+        raise ValueError(f"{name} must have the shape {shape}, got {array.shape}")
+    return array
+
+
+def _write_image(path: Path, image: Image) -> None:
+    _, png = cv2.imencode(".png", image)
+    write_atomically(path, lambda file: file.write(png.tobytes()))
+
+
+def _read_image(path: Path) -> Image:
+    data = np.frombuffer(path.read_bytes(), np.uint8) if path.is_file() else np.empty(0, np.uint8)
+    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
+    if image is None:
+        raise ValueError(f"{path.name} is no image")
+    return np.asarray(image, dtype=np.uint8)
