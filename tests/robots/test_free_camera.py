@@ -56,6 +56,15 @@ def test_moves_are_in_the_frame_of_the_camera_and_add_up() -> None:
     np.testing.assert_allclose(camera.pose[:3, 3], [0.02, -0.04, 0.45], atol=1e-12)
 
 
+def test_a_move_is_believed_to_be_the_one_that_was_commanded() -> None:
+    camera = FreeCamera(SCENE, repeatability=Repeatability(1e-3), rng=np.random.default_rng(0))
+    displacement = rigid_transform(np.diag([-1.0, -1.0, 1.0]), [0.01, 0.02, 0.05])
+    executed = camera.move(displacement)
+    np.testing.assert_array_equal(executed, displacement)
+    executed[:] = 0
+    np.testing.assert_allclose(camera.pose, T_WORLD_REF @ displacement, atol=1e-12)
+
+
 def test_errors_of_motion_do_not_pile_up() -> None:
     repeatability = Repeatability(position=1e-3)
     camera = FreeCamera(SCENE, repeatability=repeatability, rng=np.random.default_rng(0))

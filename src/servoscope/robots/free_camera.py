@@ -64,7 +64,7 @@ class FreeCamera:
     Examples
     --------
     >>> camera = FreeCamera(Scene(image_size=32))
-    >>> camera.move(rigid_transform(np.eye(3), [0.0, 0.0, 0.1]))
+    >>> executed = camera.move(rigid_transform(np.eye(3), [0.0, 0.0, 0.1]))
     >>> round(float(camera.pose[2, 3]), 3), camera.read().shape
     (0.45, (32, 32))
     """
@@ -91,9 +91,17 @@ class FreeCamera:
         """``T_world_cam`` as it is, (4, 4), [m]: what a simulation knows and a robot does not."""
         return self._reached.copy()
 
-    def move(self, displacement: ArrayLike) -> None:
-        """Move by a displacement (4, 4) in the camera's own frame, [m]."""
-        self.move_to(self._commanded @ np.asarray(displacement))
+    def move(self, displacement: ArrayLike) -> Array:
+        """Move by a displacement (4, 4) in the camera's own frame, [m].
+
+        Returns
+        -------
+        ndarray of shape (4, 4)
+            The displacement that was executed, as the robot believes: the one it was told, [m].
+        """
+        executed = np.array(displacement, dtype=float)
+        self.move_to(self._commanded @ executed)
+        return executed
 
     def move_to(self, T_world_cam: ArrayLike) -> None:
         """Move to a pose (4, 4), [m]."""

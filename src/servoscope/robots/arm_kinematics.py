@@ -1,0 +1,158 @@
+"""Forward and inverse kinematics of a UR5e."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from servoscope.errors import RobotFaultError
+
+Array = NDArray[np.float64]
+
+A = np.array([0.0, -0.425, -0.3922, 0.0, 0.0, 0.0])
+"""Lengths of the links along their x, [m]."""
+
+D = np.array([0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996])
+"""Offsets of the links along the axes of their joints, [m]."""
+
+ALPHA = np.array([np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0])
+"""Twists of the links, [rad]."""
+
+TOLERANCE = 1e-7
+"""What is left of an error when inverse kinematics is content, [m] and [rad]."""
+
+_MAX_ITERATIONS = 60
+_LARGEST_STEP = 0.3
+_COS_ALPHA, _SIN_ALPHA = np.cos(ALPHA).round(15), np.sin(ALPHA).round(15)
+
+
+def link_frames(joints: ArrayLike) -> Array:
+    """Frames of the base and of the six links, the last of which is the flange.
+
+    Parameters
+    ----------
+    joints : array of shape (6,)
+        [rad].
+
+    Returns
+    -------
+    T_base_link : ndarray of shape (7, 4, 4)
+        [m].
+
+    Notes
+    -----
+    Each link is turned and shifted from the one before by ``Rz(q) Tz(d) Tx(a) Rx(alpha)``. The
+    parameters are those that Universal Robots publishes for the UR5e, "DH Parameters for
+    calculations of kinematics and dynamics", universal-robots.com.
+
+    Examples
+    --------
+    >>> link_frames(np.zeros(6))[-1].round(4) + 0.0
+    array([[ 1.    ,  0.    ,  0.    , -0.8172],
+           [ 0.    ,  0.    , -1.    , -0.2329],
+           [ 0.    ,  1.    ,  0.    ,  0.0628],
+           [ 0.    ,  0.    ,  0.    ,  1.    ]])
+    """
+    cos, sin = np.cos(joints), np.sin(joints)
+    steps = np.zeros((6, 4, 4))
+    steps[:, 0, 0], steps[:, 1, 0] = cos, sin
+    steps[:, 0, 1], steps[:, 1, 1] = -sin * _COS_ALPHA, cos * _COS_ALPHA
+    steps[:, 0, 2], steps[:, 1, 2] = sin * _SIN_ALPHA, -cos * _SIN_ALPHA
+    steps[:, 2, 1], steps[:, 2, 2] = _SIN_ALPHA, _COS_ALPHA
+    steps[:, 0, 3], steps[:, 1, 3], steps[:, 2, 3] = A * cos, A * sin, D
+    steps[:, 3, 3] = 1.0
+    frames = np.empty((7, 4, 4))
+    frames[0] = np.eye(4)
+    for i in range(6):
+        frames[i + 1] = frames[i] @ steps[i]
+    return frames
+
+
+def flange_pose(joints: ArrayLike) -> Array:
+    """``T_base_flange`` of shape (4, 4), [m], at joint angles of shape (6,), [rad]."""
+    return link_frames(joints)[-1]
+
+
+def jacobian(frames: Array) -> Array:
+    """How fast the flange moves and turns with each joint, in the axes of the base.
+
+    Parameters
+    ----------
+    frames : ndarray of shape (7, 4, 4)
+        What `link_frames` returns.
+
+    Returns
+    -------
+    ndarray of shape (6, 6)
+        Rows are velocities, [m / rad], and angular velocities; columns are joints.
+    """
+    axes, origins = frames[:-1, :3, 2], frames[:-1, :3, 3]
+    return np.concatenate([np.cross(axes, frames[-1, :3, 3] - origins), axes], axis=1).T
+
+
+def inverse_kinematics(T_base_flange: ArrayLike, start: ArrayLike, limits: ArrayLike) -> Array:
+    """Joint angles near `start` at which the flange has a pose.
+
+    Parameters
+    ----------
+    T_base_flange : array of shape (4, 4)
+        [m].
+    start : array of shape (6,)
+        Joint angles to start from, [rad].
+    limits : array of shape (2, 6)
+        Smallest and largest joint angles, [rad].
+
+    Returns
+    -------
+    joints : ndarray of shape (6,)
+        [rad]; the flange is within `TOLERANCE` of the pose.
+
+    Raises
+    ------
+    RobotFaultError
+        If the pose is not reached within the limits.
+
+    Notes
+    -----
+    Damped least squares, ``dq = J^T (J J^T + w I)^-1 e`` with the error e = (translation, rotation
+    vector). The damping w is a share of the squared error, so that steps are careful far away and
+    Newton's at the end: T. Sugihara, "Solvability-unconcerned inverse kinematics by the
+    Levenberg-Marquardt method", IEEE Trans. Robotics 27(5), 2011. Steps are cut off at the limits.
+
+    Examples
+    --------
+    >>> there = flange_pose([0.1, -1.4, 1.6, -1.8, -1.5, 0.2])
+    >>> q = inverse_kinematics(there, [0.0, -1.5, 1.5, -1.6, -1.6, 0.0], [[-3.0] * 6, [3.0] * 6])
+    >>> q.round(6).tolist()
+    [0.1, -1.4, 1.6, -1.8, -1.5, 0.2]
+    """
+    target, (low, high) = np.asarray(T_base_flange, dtype=float), np.asarray(limits, dtype=float)
+    joints = np.clip(np.asarray(start, dtype=float), low, high)
+    for _ in range(_MAX_ITERATIONS):
+        frames = link_frames(joints)
+        error = _error(frames[-1], target)
+        if np.linalg.norm(error[:3]) < TOLERANCE and np.linalg.norm(error[3:]) < TOLERANCE:
+            return joints
+        J = jacobian(frames)
+        damping = 0.1 * (error @ error) + 1e-12
+        step = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(6), error)
+        step *= min(1.0, _LARGEST_STEP / np.abs(step).max())
+        joints = np.clip(joints + step, low, high)
+    raise RobotFaultError(_why_not(joints, error, low, high))
+
+
+def _error(T: Array, target: Array) -> Array:
+    """What is missing from one pose to another, in the axes of the base, shape (6,)."""
+    turn = Rotation.from_matrix(target[:3, :3] @ T[:3, :3].T).as_rotvec()
+    return np.concatenate([target[:3, 3] - T[:3, 3], turn])
+
+
+def _why_not(joints: Array, error: Array, low: Array, high: Array) -> str:
+    at_limit = 1 + np.flatnonzero((joints <= low) | (joints >= high))
+    where = f"joint {', '.join(map(str, at_limit))} at its limit" if at_limit.size else "too far"
+    return (
+        f"The arm cannot reach the pose: it stays {1e3 * np.linalg.norm(error[:3]):.1f} mm and "
+        f"{np.degrees(np.linalg.norm(error[3:])):.1f} deg away ({where}); "
+        "ask for one that is nearer."
+    )
