@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable
 
+import joblib
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -232,6 +233,30 @@ def test_any_mount_on_the_flange_will_do(about_deg: float) -> None:
     arm = Arm(SCENE, mount=rigid_transform(turn, [-0.04, 0.06, 0.05]))
     np.testing.assert_allclose(arm.true_pose, T_WORLD_REF, atol=1e-6)
     arm.move(NEAR)
+
+
+def _first_image(seed: int, used: bool) -> np.ndarray:
+    arm = Arm(SCENE, repeatability=Repeatability(1e-3), rng=np.random.default_rng(seed))
+    if used:
+        arm.move(NEAR)
+        arm.reset()
+        arm.place_camera(T_WORLD_REF)
+        arm.rng = np.random.default_rng(seed)
+    arm.move(NEAR)
+    return np.append(arm.true_pose.ravel(), arm.read())
+
+
+def test_another_process_makes_the_same_bit_for_bit() -> None:
+    here = _first_image(3, used=False)
+    (there,) = joblib.Parallel(2)([joblib.delayed(_first_image)(3, used=True)])
+    np.testing.assert_array_equal(here, there)
+    assert not np.array_equal(here, _first_image(4, used=False))
+
+
+@pytest.mark.parametrize("timeout", [0.0, -1.0, np.nan, np.inf])
+def test_impossible_timeouts_are_refused(timeout: float) -> None:
+    with pytest.raises(InvalidInputError, match="timeout must be above 0"):
+        Arm(SCENE, timeout=timeout)
 
 
 def test_missing_mujoco_is_told_with_the_extra_that_brings_it(

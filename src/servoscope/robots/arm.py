@@ -44,8 +44,8 @@ LIMITS = np.radians(
     ]
 )
 """Smallest and largest joint angles that are used, [rad]. The joints of a UR5e turn by 360 deg
-either way (Universal Robots, UR5e user manual); within these limits its elbow and its wrist stay bent
-the way they are over the part."""
+either way (Universal Robots, UR5e user manual); within these limits its elbow and its wrist stay
+bent the way they are over the part."""
 LIMITS.setflags(write=False)
 
 
@@ -83,6 +83,15 @@ class Arm:
     RobotFaultError
         If the arm cannot carry the camera to where it shall start.
 
+    Notes
+    -----
+    A move starts from the pose that the encoders tell. Without gravity compensation that is a
+    sagged one, to which every move adds the sag once more: the arm creeps down, and tells so.
+
+    Joints go a straight way in joint space (`minimum_jerk`); their servos are equally quick, so
+    that the arm lags behind its path but stays on it. That way is looked along for collisions
+    before the first step.
+
     Examples
     --------
     >>> arm = Arm(Scene(image_size=32))
@@ -108,7 +117,7 @@ class Arm:
         self.rng = rng
         self.mount = _checked("mount", mount)
         self.backlash = _checked_backlash(backlash)
-        self.timeout = timeout
+        self.timeout = _checked_timeout(timeout)
         self._physics = ArmPhysics(
             arm_mjcf(T_WORLD_BASE, self.mount, _bounds(scene.part), gravity_compensation)
         )
@@ -248,6 +257,12 @@ def _checked_joints(joints: Array) -> Array:
             f"Joint angles must lie within the limits of the arm, got {joints.tolist()} rad."
         )
     return joints
+
+
+def _checked_timeout(timeout: float) -> float:
+    if not 0 < timeout <= 60:
+        raise InvalidInputError(f"timeout must be above 0 and at most 60 s, got {timeout}.")
+    return timeout
 
 
 def _checked_backlash(backlash: ArrayLike) -> Array:

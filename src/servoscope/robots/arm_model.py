@@ -46,7 +46,7 @@ class _Link(NamedTuple):
     points: tuple[tuple[float, float, float], ...]
 
 
-_LARGE, _SMALL = _Servo(8000, 320, 150), _Servo(1500, 40, 28)
+_LARGE, _SMALL = _Servo(8000, 320, 150), _Servo(1500, 60, 28)
 
 LINKS = (
     _Link(
