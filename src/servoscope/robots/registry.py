@@ -30,6 +30,9 @@ class SimulatedRobot(Protocol):
     def true_pose(self) -> Array:
         """``T_world_cam`` as it is, (4, 4), [m]."""
 
+    def move(self, displacement: ArrayLike) -> Array:
+        """Move by a displacement in that frame; the one that was executed, (4, 4), [m]."""
+
     def move_to(self, pose: ArrayLike) -> object:
         """Move that frame to a pose (4, 4), [m]; raises `RobotFaultError` if it cannot."""
 

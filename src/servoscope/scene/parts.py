@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from servoscope.errors import InvalidInputError
 from servoscope.scene.part import CylinderHead
+from servoscope.scene.textured_plane import TexturedPlane
 
+Part = CylinderHead | TexturedPlane
 
-def _textured_plane(variant: int) -> Any:
-    from servoscope.scene.textured_plane import TexturedPlane
-
-    return TexturedPlane(variant=variant)
-
-
-PARTS: dict[str, Callable[[int], Any]] = {
+PARTS: dict[str, Callable[[int], Part]] = {
     "cylinder_head": lambda variant: CylinderHead(variant=variant),
-    "textured_plane": _textured_plane,
+    "textured_plane": lambda variant: TexturedPlane(variant=variant),
 }
 
 
-def make_part(name: str, variant: int = 0) -> Any:
+def make_part(name: str, variant: int = 0) -> Part:
     """The part of a name.
 
     Parameters

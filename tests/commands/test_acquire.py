@@ -1,0 +1,96 @@
+"""``servoscope acquire`` and what ``servoscope info`` tells of it."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from servoscope.cli import main
+from servoscope.robots.registry import ROBOTS
+from servoscope.schedule import RECOMMENDED, format_schedule
+
+SMALL = ("--image-size", "16", "--jobs", "1")
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_rings_part_and_robot_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["acquire", "out", "--schedule", "3@1.5,2@0.1", "--variant", "2", *SMALL]) == 0
+    told = capsys.readouterr().out
+    assert "3@1.5,2@0.1" in told
+    assert "cylinder_head, variant 2" in told
+    assert main(["info", "out", "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["images"] == 5
+    assert facts["rings"] == "3@1.5,2@0.1"
+    assert facts["part"] == "cylinder_head, variant 2"
+    assert facts["robot"] == "free"
+    assert facts["ranges"]["tx"] == "37.5 mm"
+
+
+def test_without_a_schedule_there_is_one_ring(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["acquire", "out", "--n-images", "2", "--json", *SMALL]) == 0
+    assert json.loads(capsys.readouterr().out)["rings"] == "2@1.0"
+
+
+def test_default_is_a_schedule(monkeypatch: pytest.MonkeyPatch) -> None:
+    configs = []
+
+    def take(_: Path, config: object, **__: object) -> None:
+        configs.append(config)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("servoscope.acquisition.acquire", take)
+    assert main(["acquire", "out", "--schedule", "default", *SMALL]) == 130
+    assert configs[0].plan()["rings"] == format_schedule(RECOMMENDED)
+
+
+def test_poses_that_were_replaced_are_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from servoscope.errors import RobotFaultError
+    from servoscope.robots.free_camera import FreeCamera
+
+    moves = []
+
+    class Reluctant(FreeCamera):
+        def move_to(self, pose: object) -> None:
+            moves.append(pose)
+            if len(moves) <= 2:
+                raise RobotFaultError("not yet")
+            super().move_to(pose)
+
+    monkeypatch.setitem(ROBOTS, "arm", lambda scene, _, rng: Reluctant(scene, rng=rng))
+    assert main(["acquire", "out", "--n-images", "3", "--robot", "arm", *SMALL]) == 0
+    assert "arm, 2 poses out of reach drawn anew" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--schedule", "5@1", "--n-images", "4"], "leave n_images out, got 4"),
+        (["--schedule", "5@x"], "rings of images@factor"),
+        (["--schedule", "5@nan"], "factor must be above 0"),
+        (["--schedule", "-5@1"], "from 1 to 1000000, got -5"),
+        (["--schedule", "9000000@1"], "from 1 to 1000000, got 9000000"),
+        (["--variant", "-1"], "variant must be a whole number from 0"),
+    ],
+)
+def test_wrong_requests_end_with_one_line_and_leave_nothing(
+    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["acquire", "out", *arguments]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert message in err
+    assert len(err.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("arguments", [["--part", "valve"], ["--robot", "crane"], ["--schedule"]])
+def test_unknown_names_are_wrong_usage(arguments: list[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["acquire", "out", *arguments])
