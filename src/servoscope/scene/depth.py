@@ -30,7 +30,7 @@ def render_depth(scene: Scene, T_world_cam: ArrayLike) -> NDArray[np.float32]:
     --------
     >>> from servoscope.scene.scene import T_WORLD_REF
     >>> scene = Scene(part=TexturedPlane(), image_size=16)
-    >>> float(render_depth(scene, T_WORLD_REF)[3, 8].round(6))
+    >>> round(float(render_depth(scene, T_WORLD_REF)[3, 8]), 6)
     0.55
     """
     pose = np.asarray(T_world_cam, dtype=float)
