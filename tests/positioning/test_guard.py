@@ -27,13 +27,16 @@ def _error(image: np.ndarray) -> float:
 
 
 def test_a_white_part_that_is_clipped_in_the_reference_too_is_no_fault() -> None:
-    half_white, whiter = (
-        np.clip(IMAGE + (255.0 - np.percentile(IMAGE, q)), 0, 255).astype(np.uint8) for q in (60, 5)
+    white, half_white, whiter = (
+        np.clip(IMAGE + (255.0 - np.percentile(IMAGE, q)), 0, 255).astype(np.uint8)
+        for q in (40, 60, 5)
     )
-    assert (half_white == 255).mean() > 0.35
-    assert guard.exposure_fault(half_white, half_white) is None
+    assert 0.35 < (half_white == 255).mean() < 0.5 < (white == 255).mean() < 0.65
+    assert guard.exposure_fault(white, white) is None
+    assert guard.exposure_fault(white, half_white) is None
     assert guard.exposure_fault(half_white, IMAGE) is None
     assert "saturated" in guard.exposure_fault(whiter, half_white)
+    assert "saturated" in guard.exposure_fault(white, IMAGE)
 
 
 @pytest.mark.parametrize("gain", [0.3, 0.5, 0.8, 1.2])

@@ -9,10 +9,20 @@ from hypothesis.extra.numpy import arrays
 from planar import RANGES
 from planar_cell import T_WORLD_REF, Cell, Oracle
 from servoscope.errors import InvalidInputError
-from servoscope.poses import displacement_ranges, displacements_from_poses, pose_error
+from servoscope.poses import (
+    displacement_ranges,
+    displacements_from_poses,
+    inverse_transform,
+    pose_error,
+    poses_from_displacements,
+)
 from servoscope.positioning.interfaces import Estimate
 from servoscope.positioning.look_and_move import Positioner
 from servoscope.positioning.settings import LoopSettings
+from servoscope.robots.free_camera import FreeCamera, Repeatability
+from servoscope.scene.scene import T_WORLD_REF as SCENE_REF
+from servoscope.scene.scene import Scene
+from servoscope.scene.textured_plane import TexturedPlane
 
 START = 0.5 * RANGES * [1, -1, 1, -1, 1, 1]
 
@@ -172,3 +182,27 @@ def test_a_reference_image_without_anything_in_it_is_refused() -> None:
     oracle.reference_image = np.zeros((40, 48), np.uint8)
     with pytest.raises(InvalidInputError, match="48 x 48 pixels, but the camera gave 48 x 40"):
         Positioner(oracle)
+
+
+def test_a_robot_that_scatters_is_stopped_as_near_as_its_repeatability_allows() -> None:
+    scene = Scene(part=TexturedPlane(), image_size=32)
+    start = poses_from_displacements(SCENE_REF, START, 0.55)
+    repeatability = Repeatability(1e-4, np.radians(0.01))
+    camera = FreeCamera(scene, start, repeatability, np.random.default_rng(0))
+
+    class OfScene(Oracle):
+        image_shape = (32, 32)
+        reference_image = FreeCamera(scene).read()
+
+        def estimate(self, image, previous):
+            displacement = inverse_transform(SCENE_REF) @ camera.true_pose
+            return Estimate(displacement, 1e-5 * RANGES, 0.3, "oracle")
+
+    limits = LoopSettings(repeatability_mm=0.1, repeatability_deg=0.01)
+    result = Positioner(OfScene(None), limits).run(camera, camera)
+    assert result.status == "converged"
+    assert "noise" in result.message
+    assert result.moves <= 4
+    distance, angle = pose_error(camera.true_pose, SCENE_REF)
+    assert distance < 0.5e-3
+    assert angle < np.radians(0.05)

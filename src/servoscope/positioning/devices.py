@@ -119,7 +119,7 @@ class WatchedRobot:
         """Stop the robot, if it can be; what came of it in a few words, for a message."""
         stop = getattr(self._robot, "stop", None)
         if stop is None:
-            return "It offers no stop()."
+            return "It offers no stop(), and may still be moving."
         try:
             call_within(self._settings.read_timeout_s, stop)
         except Exception as error:

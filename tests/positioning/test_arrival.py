@@ -1,0 +1,60 @@
+"""The camera has arrived within the tolerance, or when noise alone is left."""
+
+import numpy as np
+import pytest
+
+from planar import PIVOT, RANGES
+from servoscope.poses import poses_from_displacements, rigid_transform
+from servoscope.positioning.arrival import is_noise_only, is_within_tolerance
+from servoscope.positioning.interfaces import Estimate
+from servoscope.positioning.settings import LoopSettings
+
+
+def _estimate(delta_p, std, stage: str = "fine") -> Estimate:
+    displacement = poses_from_displacements(np.eye(4), np.asarray(delta_p, dtype=float), PIVOT)
+    return Estimate(displacement, np.broadcast_to(std, 6), np.nan, stage)
+
+
+def test_both_tolerances_count() -> None:
+    limits = LoopSettings(tolerance_mm=1, tolerance_deg=0.1)
+    turn = _estimate([0, 0, 0, 0, 0, np.radians(0.11)], 0).displacement
+    assert is_within_tolerance(rigid_transform(np.eye(3), [0.99e-3, 0, 0]), limits)
+    assert not is_within_tolerance(rigid_transform(np.eye(3), [0.8e-3, 0.8e-3, 0]), limits)
+    assert not is_within_tolerance(turn, limits)
+
+
+@pytest.mark.parametrize(("deviations", "noise"), [(1.9, True), (2.1, False)])
+def test_two_standard_deviations_twice_are_noise(deviations: float, noise: bool) -> None:
+    std = 0.01 * RANGES
+    estimate = _estimate(deviations * std * [1, -1, 1, -1, 1, -1], std)
+    assert is_noise_only([estimate] * 2, PIVOT, LoopSettings()) == noise
+    assert not is_noise_only([estimate], PIVOT, LoopSettings())
+
+
+def test_one_dof_that_is_off_by_far_is_not_noise() -> None:
+    std = 0.01 * RANGES
+    estimate = _estimate(5 * std * [0, 0, 1, 0, 0, 0], std)
+    assert not is_noise_only([estimate] * 2, PIVOT, LoopSettings())
+
+
+def test_a_change_of_stage_is_waited_for() -> None:
+    coarse, fine = (_estimate(np.zeros(6), RANGES, stage) for stage in ("coarse", "fine"))
+    assert is_noise_only([coarse, fine, fine], PIVOT, LoopSettings())
+    assert not is_noise_only([coarse, coarse, fine], PIVOT, LoopSettings())
+
+
+def test_a_dof_of_which_nothing_is_believed_has_to_be_within_the_tolerance() -> None:
+    std = np.where(np.arange(6) == 2, np.nan, 0.1 * RANGES)
+    near, far = (_estimate(0.05 * RANGES * [1, 1, tz, 1, 1, 1], std) for tz in (0.01, 1))
+    assert is_noise_only([near] * 2, PIVOT, LoopSettings())
+    assert not is_noise_only([far] * 2, PIVOT, LoopSettings())
+    assert not is_noise_only([_estimate(0 * RANGES, np.nan)] * 2, PIVOT, LoopSettings())
+
+
+def test_the_scatter_of_the_robot_is_noise_too() -> None:
+    scatter = {"repeatability_mm": 0.1, "repeatability_deg": 0.02}
+    sideways = 1e-3 * np.hypot(0.1, 550 * np.radians(0.02))
+    expected = np.array([sideways, sideways, 1e-4, *[np.radians(0.02)] * 3])
+    for share, noise in ((1.9, True), (2.1, False)):
+        estimate = _estimate(share * expected, 1e-9)
+        assert is_noise_only([estimate] * 2, PIVOT, LoopSettings(**scatter)) == noise
