@@ -18,7 +18,7 @@ from servoscope.positioning.result import STATUSES, PositioningResult
 from servoscope.positioning.settings import LoopSettings
 
 START = 0.5 * RANGES * [1, -1, 1, -1, 1, 1]
-SHORT = LoopSettings(read_timeout_s=0.1, move_timeout_s=0.1)
+SHORT = LoopSettings(read_timeout_s=1, move_timeout_s=1)
 
 
 def run(cell: Cell, camera=None, robot=None, oracle=None, settings=SHORT) -> PositioningResult:
@@ -70,7 +70,7 @@ def _raise(error: BaseException):
         (lambda c: None, "an array, but gave a NoneType"),
         (lambda c: _raise(OSError("cable\nis out")), "The camera failed: cable is out"),
         (lambda c: _raise(OSError()), "The camera failed: OSError"),
-        (lambda c: time.sleep(1), r"gave no image \(time-out after 0.1 s\)"),
+        (lambda c: time.sleep(3), r"gave no image \(time-out after 1 s\)"),
     ],
 )
 def test_a_camera_that_goes_wrong_in_mid_loop_ends_the_run(fault, message: str) -> None:
@@ -195,7 +195,7 @@ def _lies(cell: Cell, displacement: np.ndarray) -> np.ndarray:
         (lambda cell, D: 2 * cell.move(D), "finite rigid"),
         (lambda cell, D: cell.poses.append(cell.pose * np.nan) or D, "tell its pose as a finite"),
         (lambda cell, D: None, "told None"),
-        (lambda cell, D: time.sleep(1), "time-out after 0.1 s"),
+        (lambda cell, D: time.sleep(3), "time-out after 1 s"),
     ],
 )
 def test_a_robot_that_goes_wrong_ends_the_run_and_is_stopped(fault, message: str) -> None:
