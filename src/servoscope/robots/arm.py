@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from servoscope.errors import InvalidInputError, RobotFaultError
+from servoscope.errors import InvalidInputError
 from servoscope.poses import inverse_transform, is_rigid, rigid_transform
 from servoscope.robots.arm_kinematics import flange_pose, inverse_kinematics
 from servoscope.robots.arm_model import N_JOINTS, TIMESTEP, arm_mjcf
@@ -167,7 +167,7 @@ class Arm:
 
     def move_to(self, T_world_flange: ArrayLike) -> None:
         """Move the flange to a pose (4, 4), [m]; raises what `move` raises."""
-        goal = self._joints_for(_checked("T_world_flange", T_world_flange), self.joints)
+        goal = _joints_for(_checked("T_world_flange", T_world_flange), self.joints)
         start = self._physics.commanded
         self._physics.check_path(start, goal)
         self._physics.follow(minimum_jerk(start, goal, TIMESTEP))
@@ -201,24 +201,12 @@ class Arm:
         if where.shape == (N_JOINTS,):
             joints = _checked_joints(where)
         else:
-            joints = self._joints_for(_checked("T_world_flange", where), None)
+            joints = _joints_for(_checked("T_world_flange", where), READY)
         self._physics.check_path(joints, joints)
         self._physics.put(joints)
         self._physics.settle(self.timeout)
         self._links = self._physics.encoders
         self._T_world_flange = self.pose
-
-    def _joints_for(self, T_world_flange: Array, start: Array | None) -> Array:
-        """Joint angles for a pose of the flange, near `start` or else near `READY`."""
-        T_base_flange = inverse_transform(T_WORLD_BASE) @ T_world_flange
-        if start is not None:
-            return inverse_kinematics(T_base_flange, start, LIMITS)
-        for turn in _WRIST_TURNS:
-            try:
-                return inverse_kinematics(T_base_flange, READY + turn, LIMITS)
-            except RobotFaultError as fault:
-                last = fault
-        raise last
 
     def _come_to_rest(self) -> None:
         """Drag the links after the encoders through the backlash, and miss by a little."""
@@ -229,8 +217,8 @@ class Arm:
             self._T_world_flange = self.repeatability.disturb(self._T_world_flange, self.rng)
 
 
-_WRIST_TURNS = np.outer([0.0, np.pi / 2, -np.pi / 2, np.pi], np.arange(N_JOINTS) == N_JOINTS - 1)
-"""Turns of the last joint away from `READY` that a search for a posture starts with, [rad]."""
+def _joints_for(T_world_flange: Array, start: Array) -> Array:
+    return inverse_kinematics(inverse_transform(T_WORLD_BASE) @ T_world_flange, start, LIMITS)
 
 
 def _bounds(part: CylinderHead | TexturedPlane) -> NDArray[np.float32]:
