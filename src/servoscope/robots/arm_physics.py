@@ -96,7 +96,7 @@ class ArmPhysics:
             if touching:
                 raise RobotFaultError(
                     f"The move would bring {touching[0]} into {touching[1]} after {share:.0%} of "
-                    "the way; the arm has not moved."
+                    "the way, so the arm has not moved; ask for a smaller or another move."
                 )
 
     def _touching(self, joints: Array) -> tuple[str, str] | None:
