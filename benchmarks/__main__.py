@@ -18,6 +18,7 @@ KERNELS = (
     "sweep",
     "images",
     "study",
+    "photometric",
 )
 
 

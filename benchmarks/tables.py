@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.timing import Table, Timing
@@ -10,22 +11,32 @@ from benchmarks.timing import Table, Timing
 HEADER = ("tool", "wall s", "CPU s", "ratio", "remark")
 
 
-def as_text(table: Table) -> str:
+@dataclass(frozen=True)
+class Findings:
+    """A table of something else than times."""
+
+    title: str
+    job: str
+    header: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+
+
+def as_text(table: Table | Findings) -> str:
     """The table in columns of equal width."""
-    rows = [HEADER, *_rows(table)]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(HEADER))]
+    rows = _rows(table)
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)) for row in rows]
     return "\n".join([f"{table.title}: {table.job}", *(line.rstrip() for line in lines)])
 
 
-def as_markdown(table: Table) -> str:
+def as_markdown(table: Table | Findings) -> str:
     """The table under a heading of the second level."""
-    rows = [HEADER, ("---",) * len(HEADER), *_rows(table)]
-    lines = [f"| {' | '.join(row)} |" for row in rows]
+    header, *rows = _rows(table)
+    lines = [f"| {' | '.join(row)} |" for row in (header, ("---",) * len(header), *rows)]
     return "\n".join([f"## {table.title}", "", f"{table.job}.", "", *lines])
 
 
-def as_page(machine: Mapping[str, str], tables: Sequence[Table], command: str) -> str:
+def as_page(machine: Mapping[str, str], tables: Sequence[Table | Findings], command: str) -> str:
     """A whole page of Markdown."""
     head = [
         "# Benchmarks",
@@ -40,8 +51,11 @@ def as_page(machine: Mapping[str, str], tables: Sequence[Table], command: str) -
     return "\n\n".join(["\n".join(head), *map(as_markdown, tables), targets])
 
 
-def _rows(table: Table) -> list[tuple[str, ...]]:
-    return [
+def _rows(table: Table | Findings) -> list[tuple[str, ...]]:
+    """The header and what stands under it."""
+    if isinstance(table, Findings):
+        return [table.header, *table.rows]
+    timings = [
         (
             timing.name,
             _seconds(timing.wall, timing),
@@ -51,6 +65,7 @@ def _rows(table: Table) -> list[tuple[str, ...]]:
         )
         for timing in table.timings
     ]
+    return [HEADER, *timings]
 
 
 def _seconds(seconds: float | None, timing: Timing) -> str:

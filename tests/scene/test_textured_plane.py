@@ -44,7 +44,7 @@ def test_the_plane_is_where_a_homography_puts_it(T_world_cam: np.ndarray) -> Non
     seen = render_radiance(scene, T_world_cam)
     error = np.sqrt(np.mean((seen - expected) ** 2))
     moved = np.sqrt(np.mean((np.roll(seen, 1, axis=1) - expected) ** 2))
-    assert error < 0.012
+    assert error < 0.015
     assert error < 0.15 * moved
 
 
@@ -71,7 +71,7 @@ def test_the_lens_bends_the_plane_as_opencv_says() -> None:
     undone = cv2.undistort(render_radiance(bent, T_WORLD_REF), K, distortion)
     inner = np.s_[20:-20, 20:-20]
     difference = (undone - render_radiance(straight, T_WORLD_REF))[inner]
-    assert np.sqrt(np.mean(difference**2)) < 0.02
+    assert np.sqrt(np.mean(difference**2)) < 0.03
 
 
 def test_it_fills_the_view_with_greys_short_of_black_and_white() -> None:

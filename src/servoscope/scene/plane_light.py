@@ -17,7 +17,6 @@ _FLAT = np.float32(0.02)
 """What a ray must fall towards the plane, at unit depth, to be said to meet it."""
 
 _COUNT, _PER_METRE = np.int32(N_TEXELS), np.float32(1 / TEXEL)
-_OFFSET = np.float32(4 * N_TEXELS)
 
 
 def plane_radiance(scene: Scene, part: TexturedPlane, T_world_cam: Floats) -> Floats:
@@ -101,7 +100,7 @@ def _albedo_at(texels, starts, x, y, width):  # type: ignore[no-untyped-def]
         width *= np.float32(0.5)
         finer += np.int32(1)
     share = min(max(width - np.float32(1), np.float32(0)), np.float32(1))
-    u, v = x * _PER_METRE + _OFFSET, y * _PER_METRE + _OFFSET
+    u, v = x * _PER_METRE, y * _PER_METRE
     fine = _texel_at(texels, starts[finer], finer, u, v)
     coarse = _texel_at(texels, starts[finer + 1], finer + np.int32(1), u, v)
     return fine + share * (coarse - fine)
@@ -112,7 +111,7 @@ def _texel_at(texels, start, level, u, v):  # type: ignore[no-untyped-def]
     """One copy of the texture at a point, read between four texels."""
     scale = np.float32(1) / np.float32(np.int32(1) << level)
     u, v = u * scale, v * scale
-    column, row = np.int32(u), np.int32(v)
+    column, row = np.int32(np.floor(u)), np.int32(np.floor(v))
     u, v = u - np.float32(column), v - np.float32(row)
     count = _COUNT >> level
     last = count - np.int32(1)

@@ -27,7 +27,7 @@ _STREAM = 20011
 """Keeps the random numbers of planes apart from those of other parts."""
 
 _PATCH_SIZES = (0.12, 0.06, 0.03, 0.02)
-_DETAILS = ((0.15, 0.8), (0.040, 0.6), (0.010, 0.4), (0.003, 0.35), (0.0012, 0.25))
+_DETAILS = ((0.15, 0.8), (0.040, 0.5), (0.010, 0.4), (0.003, 0.5), (0.0012, 0.6))
 """Size of the patches, [m], and size and weight of what is painted over them."""
 
 _EDGE = 9e-4
