@@ -45,7 +45,7 @@ def test_the_plane_is_where_a_homography_puts_it(T_world_cam: np.ndarray) -> Non
     error = np.sqrt(np.mean((seen - expected) ** 2))
     moved = np.sqrt(np.mean((np.roll(seen, 1, axis=1) - expected) ** 2))
     assert error < 0.015
-    assert error < 0.15 * moved
+    assert error < 0.2 * moved
 
 
 def test_the_light_on_the_plane_is_that_of_the_closed_form() -> None:
