@@ -25,6 +25,10 @@ class RunFolderError(ServoscopeError, ValueError):
     """A run folder is unfinished, damaged, or was written by another version."""
 
 
+class ModelError(ServoscopeError, ValueError):
+    """A trained model is missing, damaged, not to be trusted, or of a newer version."""
+
+
 class RobotFaultError(ServoscopeError):
     """A robot cannot or will not do what it was asked to."""
 

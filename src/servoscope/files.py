@@ -53,7 +53,12 @@ def read_json(path: Path, error: type[ServoscopeError]) -> dict[str, Any]:
 
 def write_json(path: Path, value: Any) -> None:
     """Write strict JSON (no NaN), whole or not at all."""
-    write_text(path, json.dumps(value, indent=1, allow_nan=False, default=_plain) + "\n")
+    write_text(path, to_json(value) + "\n")
+
+
+def to_json(value: Any) -> str:
+    """Strict JSON (no NaN) of plain values and of numpy's."""
+    return json.dumps(value, indent=1, allow_nan=False, default=_plain)
 
 
 def write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:

@@ -1,0 +1,257 @@
+"""The folder of a trained model: ``model.json`` and ``arrays.npz``, whatever the model is.
+
+``model.json`` tells the version, who wrote it, the header, a table of the arrays with check sums,
+and a check sum of its own. Folders may come from anybody: nothing in them is run, and nothing is
+believed that does not agree with the rest.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import stat
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from reprlib import repr as brief
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope import __version__
+from servoscope.errors import FolderExistsError, InvalidInputError, ModelError
+from servoscope.files import to_json, write_text
+from servoscope.positioning.model_arrays import (
+    Arrays,
+    make_table,
+    read_arrays,
+    read_table,
+    write_arrays,
+)
+
+VERSION = 1
+FORMAT = "servoscope model"
+MODEL, ARRAYS = "model.json", "arrays.npz"
+
+LARGEST_JSON = 4 * 2**20
+"""Most bytes that ``model.json`` may have."""
+
+Folder = str | PathLike[str]
+
+
+def write_model(
+    folder: Folder,
+    header: Mapping[str, Any],
+    arrays: Mapping[str, NDArray[Any]],
+    *,
+    force: bool = False,
+) -> None:
+    """Write a model, whole or not at all.
+
+    Parameters
+    ----------
+    folder : path
+        A new or an empty folder.
+    header : dict
+        Plain JSON values, or numpy's, which are read as plain ones.
+    arrays : dict of ndarray
+        Finite floating-point numbers, integers or booleans. They are read as the same type.
+    force : bool
+        Replace a model that is there. Interrupted at any moment, the old one or the new one is
+        what `read_model` reads.
+
+    Raises
+    ------
+    FolderExistsError
+        If the folder holds a model and `force` is not set, or anything else.
+    InvalidInputError
+        If the header or the arrays cannot be held.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_model(folder, {"image_size": 64}, {"weights": np.ones((2, 3), np.float32)})
+    ...     header, arrays = read_model(folder)
+    >>> header, arrays["weights"].dtype, arrays["weights"].shape
+    ({'image_size': 64}, dtype('float32'), (2, 3))
+    """
+    path = Path(folder).resolve()
+    _settle(path)
+    check_free(path, force=force)
+    arrays = {name: np.asarray(array) for name, array in arrays.items()}
+    text = _to_text(header, make_table(arrays))
+    part = path.with_name(f".{path.name}.servoscope-part")
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir(parents=True)
+    try:
+        write_arrays(part / ARRAYS, arrays)
+        write_text(part / MODEL, text)
+        if path.exists():
+            path.rename(_aside(path))
+        part.rename(path)
+    finally:
+        _settle(path)
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def read_model(folder: Folder) -> tuple[dict[str, Any], Arrays]:
+    """The header and the arrays of a model, exactly as they were written.
+
+    Raises
+    ------
+    ModelError
+        If it is missing, unfinished, damaged, of a newer version, or not what a model may be.
+    """
+    path = _find(Path(folder))
+    try:
+        values = _read_json(path / MODEL)
+        _check_version(values)
+        header, table = _check_content(values)
+    except Exception as error:  # a hostile file is wrong in ways of its own
+        _refuse(path / MODEL, error)
+    try:
+        _check_regular(path / ARRAYS)
+        return header, read_arrays(path / ARRAYS, read_table(table))
+    except Exception as error:  # so do zipfile and numpy raise of every kind
+        _refuse(path / ARRAYS, error)
+
+
+def is_model(folder: Folder) -> bool:
+    """Whether the folder holds a model, of whatever version, whole or damaged."""
+    path = Path(folder)
+    return (path / MODEL).exists() or ((_aside(path) / MODEL).exists() and not path.exists())
+
+
+def check_free(folder: Folder, *, force: bool = False) -> None:
+    """Raise FolderExistsError if a model cannot be written to the folder.
+
+    With `force` it may replace a model, but nothing else, nor anything that lies beside one.
+    """
+    path = Path(folder)
+    if not path.exists():
+        return
+    if not path.is_dir():
+        raise FolderExistsError(f"{path} is a file; name a folder.")
+    held = {part.name for part in path.iterdir()}
+    if others := sorted(held - {MODEL, ARRAYS}):
+        raise FolderExistsError(
+            f"{path} holds {brief(others[0])}, which is no part of a model; name another folder."
+        )
+    if held and not _is_ours(path / MODEL):
+        raise FolderExistsError(
+            f"{path} holds no whole model; remove it yourself, or name another folder."
+        )
+    if held and not force:
+        raise FolderExistsError(
+            f"{path} holds a model already; name another folder, or replace it with --force."
+        )
+
+
+def _to_text(header: Mapping[str, Any], table: dict[str, dict[str, Any]]) -> str:
+    try:
+        plain = json.loads(to_json(dict(header)))
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InvalidInputError(f"The header of a model must be JSON ({error}).") from error
+    values = {
+        "format": FORMAT,
+        "version": VERSION,
+        "servoscope": __version__,
+        "header": plain,
+        "arrays": json.loads(to_json(table)),
+    }
+    text = to_json({**values, "sha256": _digest(values)}) + "\n"
+    if len(text) > LARGEST_JSON:
+        raise InvalidInputError(
+            f"{MODEL} may have {LARGEST_JSON} bytes, got {len(text)}; put numbers into arrays."
+        )
+    return text
+
+
+def _digest(values: dict[str, Any]) -> str:
+    text = json.dumps(values, sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _find(path: Path) -> Path:
+    """The folder, or where it was set aside when a replacement was killed."""
+    if not path.exists() and _aside(path).is_dir():
+        return _aside(path)
+    if not path.exists():
+        raise ModelError(f"{path} does not exist; name the folder of a trained model.")
+    if not path.is_dir():
+        raise ModelError(f"{path} is a file; name the folder of a trained model.")
+    if not (path / MODEL).is_file() and not (path / MODEL).is_symlink():
+        raise ModelError(f"{path} is not a model, or an unfinished one: it has no {MODEL}.")
+    return path
+
+
+def _settle(path: Path) -> None:
+    """End a replacement that was stopped between its two renamings, or after them."""
+    if not path.exists() and _aside(path).is_dir():
+        _aside(path).rename(path)
+    shutil.rmtree(_aside(path), ignore_errors=True)
+
+
+def _aside(path: Path) -> Path:
+    path = path.resolve()
+    return path.with_name(f".{path.name}.servoscope-old")
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        return _read_json(path).get("format") == FORMAT
+    except (OSError, ValueError, RecursionError):
+        return False
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    """A JSON object; raises OSError, ValueError or RecursionError if there is none."""
+    _check_regular(path)
+    if path.stat().st_size > LARGEST_JSON:
+        raise ValueError(f"it has more than {LARGEST_JSON} bytes")
+    values = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(values, dict):
+        raise ValueError(f"it must hold a JSON object, got a {type(values).__name__}")
+    return values
+
+
+def _check_regular(path: Path) -> None:
+    """A link may lead anywhere, and reading a pipe may never end."""
+    if not stat.S_ISREG(path.lstat().st_mode):
+        raise ValueError("it is a link or no file; copy the file itself there")
+
+
+def _check_version(values: dict[str, Any]) -> None:
+    if values.get("format") != FORMAT:
+        raise ValueError("it is not a model of servoscope")
+    version = values.get("version")
+    if type(version) is not int or version < 1:
+        raise ValueError(f"its version is {brief(version)}")
+    if version > VERSION:
+        raise ModelError(
+            f"it is of version {brief(version)}, written by servoscope "
+            f"{brief(values.get('servoscope'))}, and servoscope {__version__} reads version "
+            f"{VERSION}"
+        )
+
+
+def _check_content(values: dict[str, Any]) -> tuple[dict[str, Any], Any]:
+    told = values.pop("sha256", None)
+    if told != _digest(values):
+        raise ValueError("it has changed since it was written")
+    header = values.get("header")
+    if not isinstance(header, dict):
+        raise ValueError("it has no header")
+    return header, values.get("arrays")
+
+
+def _refuse(path: Path, error: Exception) -> NoReturn:
+    reason = " ".join(str(error).split())[:300] or type(error).__name__
+    if isinstance(error, ModelError):
+        raise ModelError(f"{path}: {reason}; update servoscope, or train the model again.")
+    raise ModelError(
+        f"{path} cannot be read ({reason}); copy the model anew, or train it again."
+    ) from error
