@@ -7,14 +7,17 @@ import numpy as np
 import pytest
 
 from model_samples import CONTENT, HEADER, assert_as_written
+from servoscope import __version__
 from servoscope.errors import FolderExistsError, InvalidInputError, ModelError, ServoscopeError
 from servoscope.positioning import model_folder
 from servoscope.positioning.model_folder import (
     ARRAYS,
     MODEL,
+    VERSION,
     check_free,
     is_model,
     read_model,
+    read_version,
     write_model,
 )
 
@@ -28,6 +31,7 @@ def model(tmp_path):
 def test_a_model_comes_back_as_it_was(model):
     assert_as_written(read_model(model))
     assert sorted(p.name for p in model.iterdir()) == [ARRAYS, MODEL]
+    assert read_version(model) == (VERSION, __version__)
     assert read_model(model)[1]["coarse/tx.weights"].flags.writeable
 
 

@@ -9,21 +9,24 @@ from pathlib import Path
 from typing import Any
 
 from servoscope import __version__
-from servoscope.commands.options import DataSetOrRun, Json
+from servoscope.commands.options import AnyFolder, Json
 
 
-def info(path: DataSetOrRun = None, json: Json = False) -> None:
-    """Tell what a data set folder or a run folder holds; without one, what is installed.
+def info(path: AnyFolder = None, json: Json = False) -> None:
+    """Tell what a data set, a run or a model folder holds; without one, what is installed.
 
     Example: servoscope info servoscope-study
     """
     from servoscope.commands.output import print_facts
+    from servoscope.positioning.model_folder import is_model
     from servoscope.study.run_folder import is_run
 
     if path is None:
         facts = describe_installation()
     elif is_run(path):
         facts = describe_run(path)
+    elif is_model(path):
+        facts = describe_model(path)
     else:
         facts = describe_data_set(path)
     print_facts(facts, as_json=json)
@@ -88,6 +91,52 @@ def describe_run(folder: Path) -> dict[str, Any]:
         "settings": run.settings,
         "timings_s": run.timings(),
     }
+
+
+def describe_model(folder: Path) -> dict[str, Any]:
+    """What a model folder holds; of what its header tells, all that is there.
+
+    Raises
+    ------
+    ModelError
+        If it is damaged, or was written by a newer version.
+    """
+    from servoscope.positioning.model_folder import read_model, read_version
+
+    header, arrays = read_model(folder)
+    version, servoscope = read_version(folder)
+    facts = {
+        "model": str(folder),
+        "trained_on": header.get("trained_on"),
+        "image_size_px": header.get("image_size"),
+        "ranges": _ranges(header.get("reach")),
+        "pivot_mm": _millimetres(header.get("pivot")),
+        "levels": header.get("levels"),
+        "accuracy": header.get("accuracy"),
+        "arrays": len(arrays),
+        "size_mb": round(1e-6 * sum(array.nbytes for array in arrays.values()), 3),
+        "version": version,
+        "written_by": f"servoscope {servoscope}",
+    }
+    return {name: value for name, value in facts.items() if value is not None}
+
+
+def _ranges(reach: Any) -> dict[str, str] | None:
+    """Largest displacements in mm and degrees, of six numbers in metres and radians."""
+    from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
+
+    if not isinstance(reach, list) or len(reach) != len(DOFS) or not all(map(_is_number, reach)):
+        return None
+    shown = zip(DOFS, DISPLAY_FACTORS * reach, DISPLAY_UNITS, strict=True)
+    return {dof: f"{value:.4g} {unit}" for dof, value, unit in shown}
+
+
+def _millimetres(metres: Any) -> float | None:
+    return round(1e3 * metres, 3) if _is_number(metres) else None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and abs(value) < 1e9
 
 
 def _how_acquired(source: dict[str, Any]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from servoscope.splits import PROTOCOLS
 Source = Positional[Annotated[Path, arg(metavar="SRC", help="Folder to read.")]]
 DataSetOut = Positional[Annotated[Path, arg(metavar="OUT", help="Data set folder to write.")]]
 DataSet = Positional[Annotated[Path, arg(metavar="DATASET", help="Data set folder.")]]
-DataSetOrRun = Positional[Annotated[Path | None, arg(metavar="PATH", help="Folder.")]]
+AnyFolder = Positional[Annotated[Path | None, arg(metavar="PATH", help="Folder.")]]
 Run = Positional[Annotated[Path, arg(metavar="RUN", help="Run folder.")]]
 RunOut = Annotated[Path, arg(help="Run folder to write.")]
 Jobs = Annotated[int | None, arg(metavar="N", help="Processes; by default as many as cores.")]

@@ -36,7 +36,10 @@ def print_facts(facts: Mapping[str, Any], *, as_json: bool = False) -> None:
 
 def _shown(value: Any) -> str:
     if isinstance(value, Mapping):
-        return ", ".join(f"{key} {_shown(item)}" for key, item in value.items()) or "-"
+        return ", ".join(f"{_shown(key)} {_shown(item)}" for key, item in value.items()) or "-"
     if isinstance(value, list | tuple):
-        return " x ".join(map(_shown, value))
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+        of_parts = any(isinstance(item, Mapping) for item in value)
+        return ("; " if of_parts else " x ").join(map(_shown, value))
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return "".join(c if c.isprintable() else "?" for c in str(value))

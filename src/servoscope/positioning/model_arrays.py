@@ -95,10 +95,8 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     write_atomically(path, write)
 
 
-def read_table(table: Any) -> dict[str, Entry]:
+def read_table(table: dict[str, Any]) -> dict[str, Entry]:
     """The entries of a table of plain values; raises ValueError if it is none."""
-    if not isinstance(table, dict):
-        raise ValueError("its table of arrays is no object")
     entries = {name: _read_entry(name, values) for name, values in table.items()}
     if sum(entry.n_bytes for entry in entries.values()) > LARGEST:
         raise ValueError(f"its arrays would have more than {LARGEST} bytes")

@@ -106,17 +106,24 @@ def read_model(folder: Folder) -> tuple[dict[str, Any], Arrays]:
         If it is missing, unfinished, damaged, of a newer version, or not what a model may be.
     """
     path = _find(Path(folder))
-    try:
-        values = _read_json(path / MODEL)
-        _check_version(values)
-        header, table = _check_content(values)
-    except Exception as error:  # a hostile file is wrong in ways of its own
-        _refuse(path / MODEL, error)
+    values = _read_values(path / MODEL)
     try:
         _check_regular(path / ARRAYS)
-        return header, read_arrays(path / ARRAYS, read_table(table))
-    except Exception as error:  # so do zipfile and numpy raise of every kind
+        return values["header"], read_arrays(path / ARRAYS, read_table(values["arrays"]))
+    except Exception as error:  # zipfile and numpy raise of every kind on damaged files
         _refuse(path / ARRAYS, error)
+
+
+def read_version(folder: Folder) -> tuple[int, str]:
+    """The version of a model's form, and that of the servoscope that wrote it.
+
+    Raises
+    ------
+    ModelError
+        If ``model.json`` is missing, damaged or of a newer version.
+    """
+    values = _read_values(_find(Path(folder)) / MODEL)
+    return values["version"], values["servoscope"]
 
 
 def is_model(folder: Folder) -> bool:
@@ -200,6 +207,17 @@ def _aside(path: Path) -> Path:
     return path.with_name(f".{path.name}.servoscope-old")
 
 
+def _read_values(path: Path) -> dict[str, Any]:
+    """What ``model.json`` holds, once it is known to be as it was written."""
+    try:
+        values = _read_json(path)
+        _check_version(values)
+        _check_content(values)
+    except Exception as error:  # a hostile file is wrong in ways of its own
+        _refuse(path, error)
+    return values
+
+
 def _is_ours(path: Path) -> bool:
     try:
         return _read_json(path).get("format") == FORMAT
@@ -238,14 +256,13 @@ def _check_version(values: dict[str, Any]) -> None:
         )
 
 
-def _check_content(values: dict[str, Any]) -> tuple[dict[str, Any], Any]:
-    told = values.pop("sha256", None)
-    if told != _digest(values):
+def _check_content(values: dict[str, Any]) -> None:
+    signed = {key: value for key, value in values.items() if key != "sha256"}
+    if values.get("sha256") != _digest(signed):
         raise ValueError("it has changed since it was written")
-    header = values.get("header")
-    if not isinstance(header, dict):
-        raise ValueError("it has no header")
-    return header, values.get("arrays")
+    for key, kind in (("servoscope", str), ("header", dict), ("arrays", dict)):
+        if not isinstance(values.get(key), kind):
+            raise ValueError(f"its {key} is {brief(values.get(key))}")
 
 
 def _refuse(path: Path, error: Exception) -> NoReturn:
