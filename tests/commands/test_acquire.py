@@ -71,7 +71,6 @@ def test_poses_that_were_replaced_are_told(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--schedule", "5@1", "--n-images", "4"], "leave n_images out, got 4"),
         (["--schedule", "5@x"], "rings of images@factor"),
         (["--schedule", "5@nan"], "factor must be above 0"),
         (["--schedule", "-5@1"], "from 1 to 1000000, got -5"),
@@ -94,3 +93,15 @@ def test_wrong_requests_end_with_one_line_and_leave_nothing(
 def test_unknown_names_are_wrong_usage(arguments: list[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
         main(["acquire", "out", *arguments])
+
+
+def test_images_and_rings_together_are_wrong_usage(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["acquire", "out", "--schedule", "5@1", "--n-images", "4"])
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "--n-images" in err
+    assert "--schedule" in err
+    assert not list(tmp_path.iterdir())

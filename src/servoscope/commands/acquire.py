@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+from tyro.conf import create_mutex_group
+
 from servoscope.commands.options import DataSetOut, Force, Jobs, Json, Part, RobotName
+
+IMAGES_OR_RINGS = create_mutex_group(required=False)
+"""A schedule says how many images to take, so only one of the two can be asked for."""
 
 
 def acquire(
     out: DataSetOut,
-    n_images: int | None = None,
-    schedule: str | None = None,
+    n_images: Annotated[int | None, IMAGES_OR_RINGS] = None,
+    schedule: Annotated[str | None, IMAGES_OR_RINGS] = None,
     image_size: int = 256,
     seed: int = 0,
     part: Part = "cylinder_head",
