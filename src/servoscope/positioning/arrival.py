@@ -28,8 +28,14 @@ def is_noise_only(estimates: Sequence[Estimate], pivot: float, settings: LoopSet
     return (
         len(last) == 2
         and last[0].stage == last[1].stage
+        and last[1].is_finest
         and all(_is_noise(estimate, pivot, settings) for estimate in last)
+        and _distance(last[1]) > 0.5 * _distance(last[0])
     )
+
+
+def _distance(estimate: Estimate) -> float:
+    return float(np.linalg.norm(estimate.displacement[:3, 3]))
 
 
 def _is_noise(estimate: Estimate, pivot: float, settings: LoopSettings) -> bool:

@@ -66,12 +66,16 @@ class Estimate:
         where that is not known.
     stage : str
         What answered, such as ``"coarse"`` or ``"fine"``.
+    is_finest : bool
+        Whether no other stage could tell more exactly; only then can the camera be as close as
+        the noise allows.
     """
 
     displacement: Array
     std: Array
     novelty: float
     stage: str
+    is_finest: bool = True
 
 
 class Estimator(Protocol):

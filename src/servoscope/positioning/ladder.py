@@ -1,0 +1,184 @@
+"""Levels of the fine stage: from all of the reach down to the innermost images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.errors import DataSetError
+from servoscope.positioning.appearance import Appearance
+from servoscope.positioning.disturbances import Disturbances
+from servoscope.positioning.interaction import MARGIN, LearnedInteraction, learn_interaction
+from servoscope.positioning.polynomials import exponents
+
+Array = NDArray[np.float64]
+Images = NDArray[np.uint8]
+
+RATIO = 0.5
+"""Radius of a level relative to the one before it."""
+
+BLURS = tuple(pixels / 256 for pixels in (24, 16, 12, 8, 5, 3, 2, 1))
+"""Blurs that levels may have, [image widths], widest first."""
+
+HIGH_PASS = 4.0
+"""The high-pass of the last level, if it helps, in its blurs."""
+
+HIGHEST_DEGREE = 4
+
+_SHELL = 0.7
+_IMAGES_PER_TERM = 2
+_MOST_HELD_OUT = 40
+_SLACK = 2.0
+_NORMAL_MEDIAN = 0.6745
+
+
+class HeldOut(NamedTuple):
+    """Images that no level learns from: as they are, and disturbed."""
+
+    images: Images
+    disturbed: Images
+    p: Array
+
+
+class Rung(NamedTuple):
+    """A level to be learned: its radius, and the highest degree that its images allow."""
+
+    radius: float
+    degree: int
+
+
+def plan_rungs(p: Array) -> list[Rung]:
+    """The levels that displacements allow, widest first.
+
+    Parameters
+    ----------
+    p : ndarray of shape (n_images, 6)
+        Displacements in shares of the reach.
+
+    Raises
+    ------
+    DataSetError
+        If they do not even allow the widest.
+    """
+    size = np.abs(p).max(axis=1)
+    rungs = []
+    for radius in RATIO ** np.arange(12):
+        n_images = int(np.sum((size > _SHELL * radius) & (size <= MARGIN * radius)))
+        degrees = [
+            degree
+            for degree in range(2, HIGHEST_DEGREE + 1)
+            if n_images >= _IMAGES_PER_TERM * len(exponents(degree))
+        ]
+        if degrees:
+            rungs.append(Rung(float(radius), degrees[-1]))
+    if not rungs or rungs[0].radius < 1:
+        least = _IMAGES_PER_TERM * len(exponents(2))
+        raise DataSetError(
+            f"Training needs at least {least} images displaced by {_SHELL:.0%} of the range or more, "
+            f"got {int(np.sum(size > _SHELL))}; take more, for example with --schedule default."
+        )
+    return rungs
+
+
+def hold_out(images: Images, p: Array, rng: np.random.Generator) -> tuple[NDArray, HeldOut]:
+    """Which images to learn from, and every tenth of the others."""
+    order = rng.permutation(len(images))
+    held, kept = np.sort(order[: len(images) // 10]), np.sort(order[len(images) // 10 :])
+    disturbances = Disturbances()
+    disturbed = np.stack([disturbances.disturb(images[i], rng) for i in held])
+    return kept, HeldOut(images[held], disturbed, p[held])
+
+
+def learn_levels(
+    images: Images,
+    p: Array,
+    reference_image: Images,
+    rng: np.random.Generator,
+    on_progress: Callable[[int], object] | None = None,
+) -> tuple[list[LearnedInteraction], HeldOut]:
+    """Learn every level, each with the blur that does best on held-out images.
+
+    Parameters
+    ----------
+    images : ndarray of shape (n_images, height, width)
+    p : ndarray of shape (n_images, 6)
+        Displacements in shares of the reach.
+    reference_image : ndarray of shape (height, width)
+    rng : Generator
+        Draws what is held out, and the disturbances.
+    on_progress : callable, optional
+        Called with the number of levels that are learned.
+
+    Returns
+    -------
+    levels : list of LearnedInteraction
+        Widest first.
+    held_out : HeldOut
+    """
+    kept, held_out = hold_out(images, p, rng)
+    images, p = images[kept], p[kept]
+    levels: list[LearnedInteraction] = []
+    widest = 0
+    rungs = plan_rungs(p)
+    for rung in rungs:
+        candidates = [Appearance(blur) for blur in BLURS[widest : widest + 3]]
+        candidates += [Appearance(a.blur, HIGH_PASS * a.blur) for a in candidates]
+        learned = [learn_interaction(images, p, *rung, appearance) for appearance in candidates]
+        if rung is rungs[-1]:
+            learned = [level.at_reference(reference_image) for level in learned]
+        best = min(learned, key=lambda level: _held_out_error(level, held_out))
+        levels.append(_calibrated(best, levels[-1] if levels else None, held_out))
+        widest = BLURS.index(best.appearance.blur)
+        if on_progress is not None:
+            on_progress(len(levels))
+    return levels, held_out
+
+
+def held_out_errors(level: LearnedInteraction, images: Images, p: Array) -> Array:
+    """Errors of images from within the radius, in shares of the reach, (n, 6)."""
+    near = _near(level, p)
+    said = [level.displacement(level.align(images[i], np.zeros(6))) for i in near]
+    return np.array(said).reshape(-1, 6) - p[near]
+
+
+def _near(level: LearnedInteraction, p: Array) -> NDArray[np.intp]:
+    return np.flatnonzero(np.abs(p).max(axis=1) <= level.radius)[:_MOST_HELD_OUT]
+
+
+def _held_out_error(level: LearnedInteraction, held_out: HeldOut) -> float:
+    """Mean largest error of a dof in shares of the radius, of clean and of disturbed images."""
+    errors = [
+        np.abs(held_out_errors(level, images, held_out.p)).max(axis=1) / level.radius
+        for images in (held_out.images, held_out.disturbed)
+    ]
+    return float(np.mean(np.minimum(np.concatenate(errors), 1.0)))
+
+
+def _calibrated(
+    level: LearnedInteraction, wider: LearnedInteraction | None, held_out: HeldOut
+) -> LearnedInteraction:
+    """The level with its standard deviations and its limit of unlikeness set by held-out images.
+
+    Errors on held-out images hold those of the robot, which are not the level's own. What it says
+    differs from what the wider level says only by errors of the two. The lesser counts.
+    """
+    near = _near(level, held_out.p)
+    alignments = [level.align(held_out.images[i], held_out.p[i]) for i in near]
+    said = np.array([level.displacement(a) for a in alignments]).reshape(-1, 6)
+    std = np.array([level.std(a) for a in alignments]).reshape(-1, 6)
+    others = [held_out.p[near]]
+    if wider is not None:
+        guesses = [wider.align(held_out.images[i], held_out.p[i]) for i in near]
+        others.append(np.array([wider.displacement(a) for a in guesses]).reshape(-1, 6))
+    factors = [np.median(np.abs(said - other) / std) / _NORMAL_MEDIAN for other in others]
+    unlike = [a.unlikeness for a in alignments]
+    unlike += [level.align(held_out.disturbed[i], held_out.p[i]).unlikeness for i in near]
+    return replace(
+        level,
+        std_factor=max(float(min(factors)), 1.0),
+        unlikeness_limit=_SLACK * float(np.quantile(unlike, 0.95)),
+    )
