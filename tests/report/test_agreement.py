@@ -136,6 +136,27 @@ def test_another_scene_is_compared_in_general_statements_only(summary):
     assert "not of a cylinder head" in explain_differences(summary)[0]
 
 
+@pytest.mark.parametrize(
+    ("change", "same"),
+    [
+        ({"rings": "400@1.0", "robot": "free", "part": "cylinder_head", "variant": 3}, True),
+        ({"rings": "1000@1.0,400@0.2"}, False),
+        ({"rings": "1000@0.2"}, False),
+        ({"robot": "arm"}, False),
+        ({"kind": "simulated textured plane", "part": "textured_plane"}, False),
+        ({"translation_mm": 10.0}, False),
+        ({"pivot_mm": 0.0}, False),
+    ],
+)
+def test_only_images_as_the_papers_are_compared_with_its_numbers(summary, change, same):
+    all_claims = set(verdicts(summary))
+    summary["dataset"]["source"] |= change
+    assert (set(verdicts(summary)) == all_claims) == same
+    reasons = " ".join(explain_differences(summary))
+    assert ("differ from the published ones by a typical factor" in reasons) == same
+    assert ("not of a cylinder head under the published poses" in reasons) != same
+
+
 def test_closeness_is_zero_for_the_published_table_and_one_for_its_double(summary):
     (unit, *_) = list_units(summary)
     assert closeness_to_paper(unit) == 0.0

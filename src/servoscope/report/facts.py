@@ -11,7 +11,7 @@ from typing import Any
 
 from servoscope import __version__
 from servoscope.poses import DOFS
-from servoscope.report.agreement import compare_with_paper, is_simulated, mean_rms
+from servoscope.report.agreement import compare_with_paper, mean_rms, stands_in_for_paper
 from servoscope.report.figures.rendering import FigureFile
 from servoscope.report.names import DOF_LABELS, DOF_UNITS, FORM_NAMES, PROTOCOL_NAMES
 from servoscope.report.reasons import explain_differences
@@ -41,7 +41,7 @@ def collect_facts(run: RunData, files: list[FigureFile]) -> dict[str, Any]:
         "errors": figures["errors"],
         "first": units[0],
         "units": units,
-        "simulated": is_simulated(run.summary),
+        "stands_in_for_paper": stands_in_for_paper(run.summary),
         "findings": compare_with_paper(run.summary),
         "reasons": explain_differences(run.summary),
         "timings": describe_timings(run.summary["timings_s"]),

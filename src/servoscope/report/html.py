@@ -42,8 +42,8 @@ def write_report(run: Path, *, n_jobs: int = -1) -> Path:
     return path
 
 
-def render_page(facts: dict[str, Any]) -> str:
-    """The page that tells the facts; every value is escaped."""
+def render_page(facts: dict[str, Any], template: str = "report.html") -> str:
+    """The page that a template makes of facts; every value is escaped."""
     environment = Environment(
         loader=PackageLoader("servoscope.report"),
         autoescape=True,
@@ -51,4 +51,4 @@ def render_page(facts: dict[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("report.html").render(facts)
+    return environment.get_template(template).render(facts)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from servoscope.report.agreement import closeness_to_paper, is_simulated
+from servoscope.report.agreement import closeness_to_paper, stands_in_for_paper
 from servoscope.report.names import FORM_NAMES
 from servoscope.report.run_data import list_units
 
@@ -35,13 +35,9 @@ ASSESSED = (
 
 def explain_differences(summary: dict[str, Any]) -> list[str]:
     """Reasons for what differs, the most important first."""
-    return [
-        SCENE if is_simulated(summary) else OTHER_DATA,
-        TRAINING,
-        _forms(summary),
-        CHANCE,
-        ASSESSED,
-    ]
+    if not stands_in_for_paper(summary):
+        return [OTHER_DATA, TRAINING, CHANCE, ASSESSED]
+    return [SCENE, TRAINING, _forms(summary), CHANCE, ASSESSED]
 
 
 def _forms(summary: dict[str, Any]) -> str:

@@ -104,8 +104,8 @@ CAPTIONS = {
         "RMS error against the threshold of mutual information",
         "The number at each marker counts the ranked features whose information is above the "
         "threshold. Left axis: share of the range; right axis: mm or degrees. Solid: test images; "
-        "dashed, where there is such a curve: validation images, which decide. Dotted line: the "
-        "least error published.",
+        "dashed, where there is such a curve: validation images, which decide. Dotted line, where "
+        "there is one: the least error published.",
         "Six line charts of error against threshold.",
         11,
     ),

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from servoscope.features.moments import PAPER_SLICES
 from servoscope.poses import DOFS
-from servoscope.report.agreement import is_simulated
+from servoscope.report.agreement import stands_in_for_paper
 from servoscope.report.figures import overview, pictures, selection, sweep
 from servoscope.report.figures.captions import CAPTIONS
 from servoscope.report.figures.rendering import FigureOrder
@@ -23,7 +23,7 @@ def list_figures(run: RunData) -> list[FigureOrder]:
     image = run.features["reference_image"]
     first = run.units[0].results
     slices = partial(pictures.draw_slices, image, PAPER_SLICES)
-    published = is_simulated(run.summary)
+    published = stands_in_for_paper(run.summary)
     errors = partial(overview.draw_family_errors, first, published=published)
     summary = partial(overview.draw_overview, image, PAPER_SLICES, first, published=published)
     orders = [
@@ -54,7 +54,7 @@ def _of_unit(run: RunData, unit: Unit) -> list[FigureOrder]:
             sweep.draw_sweeps,
             unit.results["sweep"],
             unit.results["ranges"],
-            {dof: float(TABLE3[dof]["rms"]) for dof in DOFS},
+            {dof: float(TABLE3[dof]["rms"]) for dof in DOFS if stands_in_for_paper(run.summary)},
             decided_on_test=unit.protocol == "paper",
         ),
     }
