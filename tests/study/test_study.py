@@ -8,7 +8,8 @@ from planar import planar_data_set
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DISPLACEMENTS, DOFS
 from servoscope.regression import PoseRegressor
-from servoscope.study import Study, StudyConfig, open_run_folder
+from servoscope.splits import split_images
+from servoscope.study import Study, StudyConfig, check_data, open_run_folder
 from servoscope.study.paper import FAMILIES
 
 QUICK = StudyConfig(hidden=4, restarts=1, n_thresholds=5)
@@ -143,6 +144,20 @@ def test_a_constant_dof_and_a_constant_feature_do_no_harm(tmp_path):
     unit = results(tmp_path / "run")["protocols"]["honest"]["pivot"]
     assert unit["mi"]["theta_50"]["rz"] == 0
     assert unit["table1"]["gm"]["rz"]["rms"] == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("protocols", "least", "share"),
+    [(("paper",), 115, "75%"), (("honest",), 144, "60%"), (("paper", "honest"), 144, "60%")],
+)
+def test_the_fewest_images_are_those_of_the_protocols_that_run(protocols, least, share):
+    config = StudyConfig(protocols=protocols)
+    check_data(planar_data_set(least), config)
+    for protocol in protocols:
+        assert len(split_images(least, protocol).train) > 85
+    message = f"at least {least} images.*{share} that train.*got {least - 1}"
+    with pytest.raises(InvalidInputError, match=message):
+        check_data(planar_data_set(least - 1), config)
 
 
 def test_too_few_images_are_refused_before_anything_is_computed(tmp_path):

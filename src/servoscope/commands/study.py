@@ -41,8 +41,8 @@ def study(
     from servoscope.study.run_folder import open_run_folder
 
     processes = n_jobs(jobs)
-    check_n_images(n_images)
     config = StudyConfig(seed=seed, protocols=protocols(protocol))
+    check_n_images(n_images, config.protocols)
     acquisition = AcquisitionConfig(n_images=n_images, image_size=image_size, seed=seed)
     settings = {"command": "study", **asdict(config), "acquisition": asdict(acquisition)}
     run = open_run_folder(out, settings, resume=resume, force=force)

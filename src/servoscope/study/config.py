@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,11 +62,13 @@ class StudyConfig:
         return np.linspace(0.0, 1.0, self.n_thresholds)
 
 
-def check_n_images(n_images: int) -> None:
+def check_n_images(n_images: int, protocols: Sequence[str] = PROTOCOLS) -> None:
     """Raise InvalidInputError unless a study of so many images has enough to train on."""
-    least = int(np.ceil((N_EIGENVECTORS + 1) / HONEST_FRACTIONS[0]))
+    protocol = "honest" if "honest" in protocols else "paper"
+    share = HONEST_FRACTIONS[0] if protocol == "honest" else 1 - HONEST_FRACTIONS[2]
+    least = int(np.ceil((N_EIGENVECTORS + 1) / share))
     if n_images < least:
         raise InvalidInputError(
             f"A study needs at least {least} images, since {N_EIGENVECTORS} eigenvectors are "
-            f"found from the {HONEST_FRACTIONS[0]:.0%} that train; got {n_images}."
+            f"found from the {share:.0%} that train under the {protocol} protocol; got {n_images}."
         )

@@ -230,7 +230,7 @@ def split_data(data: PoseImageSet, protocol: str, seed: int) -> Split:
 
 def check_data(data: PoseImageSet, config: StudyConfig) -> None:
     """Raise InvalidInputError unless a data set has enough images for a study."""
-    check_n_images(len(data))
+    check_n_images(len(data), config.protocols)
     for protocol in config.protocols:
         n_train = len(split_data(data, protocol, config.seed).train)
         if n_train <= N_EIGENVECTORS:
