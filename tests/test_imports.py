@@ -29,6 +29,7 @@ ROOMS = (
     ("selection",),
     ("regression",),
     ("positioning",),
+    ("scoreboard",),
     ("study",),
     ("report",),
     ("commands",),

@@ -68,18 +68,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _app() -> SubcommandApp:
     from servoscope.commands.acquire import acquire
     from servoscope.commands.assess import assess
+    from servoscope.commands.benchmark_positioning import benchmark_positioning
     from servoscope.commands.import_images import import_commands
     from servoscope.commands.info import info
     from servoscope.commands.report import report
     from servoscope.commands.study import study
 
-    app, formats = SubcommandApp(), SubcommandApp()
+    app, formats, benchmarks = SubcommandApp(), SubcommandApp(), SubcommandApp()
     for name, import_format in import_commands().items():
         formats.command(name=name)(import_format)
     app.command(study)
     app.command(acquire)
     app.command(assess)
     app.command(formats, name="import", help="Make a data set of your own images and poses.")
+    benchmarks.command(name="positioning")(benchmark_positioning)
+    app.command(benchmarks, name="benchmark", help="Compare servoscope with what else there is.")
     app.command(report)
     app.command(info)
     return app

@@ -138,3 +138,16 @@ def test_images_repeat_bit_for_bit_and_variants_differ() -> None:
 def test_a_variant_that_is_no_count_is_refused(variant: object) -> None:
     with pytest.raises(InvalidInputError, match="variant must be a whole number from 0"):
         TexturedPlane(variant=variant)
+
+
+def test_what_is_repainted_is_that_share_of_the_surface_and_the_rest_stays() -> None:
+    before, after = TexturedPlane().albedo(), TexturedPlane(repainted=0.2).albedo()
+    same = before == after
+    assert same.mean() == pytest.approx(0.8, abs=0.01)
+    assert abs(np.corrcoef(before[~same], after[~same])[0, 1]) < 0.2
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.1, float("nan")])
+def test_a_share_that_is_none_is_refused(share: float) -> None:
+    with pytest.raises(InvalidInputError, match="repainted must be from 0 to 1"):
+        TexturedPlane(repainted=share)

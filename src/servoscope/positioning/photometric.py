@@ -58,7 +58,7 @@ class PhotometricLaw:
                 raise InvalidInputError(f"{name} must be finite and at least {least}, got {value}.")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PhotometricEstimate(Estimate):
     """What photometric servoing makes of an image.
 

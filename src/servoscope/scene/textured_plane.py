@@ -26,9 +26,15 @@ ALBEDO_LIMITS = (0.05, 0.70)
 _STREAM = 20011
 """Keeps the random numbers of planes apart from those of other parts."""
 
+_REPAINT = 1
+"""Keeps the random numbers of what is painted over apart from those of the first texture."""
+
 _PATCH_SIZES = (0.12, 0.06, 0.03, 0.02)
 _DETAILS = ((0.15, 0.8), (0.040, 0.5), (0.010, 0.4), (0.003, 0.5), (0.0012, 0.6))
 """Size of the patches, [m], and size and weight of what is painted over them."""
+
+_BLOTCH = 0.03
+"""Size of what is painted over at once, [m]."""
 
 _EDGE = 9e-4
 """Width of the edges between patches, [m]."""
@@ -45,24 +51,30 @@ class TexturedPlane:
     ----------
     variant : int
         Another number, from 0, gives another texture.
+    repainted : float
+        Share of the surface, 0 to 1, on which a texture of other patches and details was painted
+        over the first, in blotches of 3 cm.
 
     Raises
     ------
     InvalidInputError
-        If the variant is not a whole number from 0.
+        If the variant is not a whole number from 0, or the share not from 0 to 1.
 
     Examples
     --------
     >>> TexturedPlane(variant=3)
-    TexturedPlane(variant=3)
+    TexturedPlane(variant=3, repainted=0.0)
     """
 
     variant: int = 0
+    repainted: float = 0.0
 
     def __post_init__(self) -> None:
         whole = isinstance(self.variant, int | np.integer) and not isinstance(self.variant, bool)
         if not whole or self.variant < 0:
             raise InvalidInputError(f"variant must be a whole number from 0, got {self.variant!r}.")
+        if not 0 <= self.repainted <= 1:
+            raise InvalidInputError(f"repainted must be from 0 to 1, got {self.repainted}.")
 
     def albedo(self) -> Floats:
         """Share of the light that is scattered at each texel, shape (2048, 2048).
@@ -70,9 +82,12 @@ class TexturedPlane:
         Rows run along the world's y and columns along its x; the middle of the first texel lies
         in the origin.
         """
-        rng = np.random.default_rng([_STREAM, self.variant])
-        picture = _patches(rng) + _details(rng)
-        picture /= picture.std()
+        picture = _picture(np.random.default_rng([_STREAM, self.variant]))
+        if self.repainted > 0:
+            rng = np.random.default_rng([_STREAM, self.variant, _REPAINT])
+            blotches = _lumps(_BLOTCH, rng)
+            repainted = blotches >= np.quantile(blotches, 1 - self.repainted)
+            picture = np.where(repainted, _picture(rng), picture)
         low, high = ALBEDO_LIMITS
         return (low + (high - low) * ndtr(picture)).astype(np.float32)
 
@@ -101,6 +116,13 @@ def _halved(texels: Floats) -> Floats:
     """A texture that fits to itself, smoothed, without every other row and column."""
     wide = np.pad(texels, 4, mode="wrap")
     return np.asarray(cv2.pyrDown(wide)[2:-2, 2:-2], dtype=np.float32)
+
+
+def _picture(rng: np.random.Generator) -> Floats:
+    """What is painted on the whole plane; of variance 1."""
+    picture = _patches(rng) + _details(rng)
+    picture /= picture.std()
+    return picture
 
 
 def _patches(rng: np.random.Generator) -> Floats:

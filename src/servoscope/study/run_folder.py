@@ -25,8 +25,11 @@ PARTS = (
     "selection.npz",
     "ranking.csv",
     "report.html",
+    "scoreboard.json",
+    "scoreboard.md",
+    "scoreboard.html",
 )
-FOLDERS = ("stages", "vectors", "models", "figures", "dataset")
+FOLDERS = ("stages", "vectors", "models", "figures", "dataset", "trials")
 
 
 class RunFolder:

@@ -1,0 +1,65 @@
+"""The simulated cell of a trial: what the camera looks at, where it starts, what carries it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.poses import poses_from_displacements
+from servoscope.robots.free_camera import FreeCamera
+from servoscope.robots.registry import SimulatedRobot, make_robot
+from servoscope.scene.parts import make_part
+from servoscope.scene.scene import T_WORLD_REF, Scene
+from servoscope.scoreboard.conditions import CONDITIONS
+
+Array = NDArray[np.float64]
+
+PIVOT = 0.55
+"""Distance from the camera of the point that starts are turned about, [m]."""
+
+RANGES = np.array([0.025] * 3 + [np.radians(15.0)] * 3)
+"""Largest displacement of a start at range 1.0, [m] and [rad]."""
+RANGES.setflags(write=False)
+
+_STARTS, _TRIALS = 20, 21
+"""What random numbers are drawn for; those of acquisitions are numbered from 0."""
+
+
+def scene_of_training(scene: str, image_size: int) -> Scene:
+    """The scene that the methods are made for."""
+    return Scene(part=make_part(scene), image_size=image_size)
+
+
+def start_pose(seed: int, start: int, factor: float) -> Array:
+    """``T_world_cam`` of a start, (4, 4), [m]: the same direction for every factor."""
+    delta_p = np.random.default_rng([seed, _STARTS, start]).uniform(-1.0, 1.0, 6)
+    return poses_from_displacements(T_WORLD_REF, factor * RANGES * delta_p, PIVOT)
+
+
+def robot_at_start(
+    scene: str, condition: str, image_size: int, seed: int, start: int
+) -> SimulatedRobot:
+    """A robot with its camera at a start, under a condition.
+
+    Its noise and its errors of motion are the same for every method.
+
+    Raises
+    ------
+    RobotFaultError
+        If it cannot carry the camera there.
+    """
+    changes = CONDITIONS[condition]
+    seen = changes.change(scene_of_training(scene, image_size), start + 1000 * seed)
+    T_world_cam = start_pose(seed, start, changes.factor)
+    number = list(CONDITIONS).index(condition)
+    rng = np.random.default_rng([seed, _TRIALS, number, start])
+    if changes.robot == "arm":
+        from servoscope.robots.arm import Arm
+
+        return Arm(seen, T_world_cam, changes.repeatability, rng)
+    return FreeCamera(seen, T_world_cam, changes.repeatability, rng)
+
+
+def robot_at_reference(scene: str, robot: str, image_size: int) -> SimulatedRobot:
+    """An exact robot with its camera at the reference, over the part of training."""
+    return make_robot(robot, scene_of_training(scene, image_size))

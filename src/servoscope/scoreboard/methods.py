@@ -1,0 +1,128 @@
+"""The methods that are compared, and the settings that each has in the one loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.acquisition import AcquisitionConfig
+from servoscope.dataset import PoseImageSet
+from servoscope.poses import inverse_transform
+from servoscope.positioning import Estimate, Estimator, LoopSettings
+from servoscope.positioning.photometric import PhotometricEstimate, PhotometricServoing
+from servoscope.robots.free_camera import Repeatability
+from servoscope.scene.depth import render_depth
+from servoscope.scoreboard.cell import robot_at_reference
+
+Array = NDArray[np.float64]
+OnProgress = Callable[[int], object] | None
+Trainer = Callable[..., Estimator]
+
+METHODS = ("ours", "networks", "photometric")
+
+MOST_MOVES = 12
+MOST_MOVES_PHOTOMETRIC = 200
+
+
+def train_ours(data: PoseImageSet, *, seed: int, n_jobs: int, on_progress: OnProgress) -> Estimator:
+    """Coarse networks on robust features, and a learned interaction matrix."""
+    from servoscope.positioning.training import train
+
+    return train(data, seed=seed, n_jobs=n_jobs, on_progress=on_progress)
+
+
+def train_networks(
+    data: PoseImageSet, *, seed: int, n_jobs: int, on_progress: OnProgress
+) -> Estimator:
+    """The paper's networks alone, iterated."""
+    from servoscope.positioning.iterated_networks import IteratedNetworks
+
+    return IteratedNetworks.train(data, seed=seed, n_jobs=n_jobs, on_progress=on_progress)
+
+
+TRAINERS: dict[str, Trainer] = {"ours": train_ours, "networks": train_networks}
+"""The methods that learn from images. Each is called with the images, and ``seed``, ``n_jobs``
+and ``on_progress`` by name."""
+
+
+class Mounted:
+    """Estimates of the camera's displacement, told in the frame of the flange.
+
+    Parameters
+    ----------
+    servoing : PhotometricServoing
+    T_flange_cam : ndarray of shape (4, 4)
+        Where the camera sits, [m].
+    pivot : float
+        That of the flange, [m].
+
+    Notes
+    -----
+    With the mount M, the flange's displacement is ``M D M^-1`` where the camera's is D.
+    """
+
+    def __init__(self, servoing: PhotometricServoing, T_flange_cam: Array, pivot: float) -> None:
+        self.servoing, self.T_flange_cam, self.pivot = servoing, T_flange_cam, pivot
+        self.image_shape, self.reach = servoing.image_shape, servoing.reach
+        self.reference_image = servoing.reference_image
+
+    def estimate(self, image: NDArray[np.uint8], previous: Estimate | None) -> PhotometricEstimate:
+        """Where the flange was when an image was taken, and the move that the law makes of it."""
+        told = self.servoing.estimate(image, previous)
+        M, M_inv = self.T_flange_cam, inverse_transform(self.T_flange_cam)
+        return replace(told, displacement=M @ told.displacement @ M_inv, step=M @ told.step @ M_inv)
+
+
+def make_photometric(
+    scene: str, data: PoseImageSet, acquired: AcquisitionConfig, depth_factor: float
+) -> Estimator:
+    """Photometric servoing that is given the camera, its mount and the depth of every pixel.
+
+    Parameters
+    ----------
+    scene : str
+    data : PoseImageSet
+        Its reference image is what is aimed at; its range bounds the workspace.
+    acquired : AcquisitionConfig
+        What it was asked for with.
+    depth_factor : float
+        What is told of the depth, relative to the truth.
+    """
+    robot = robot_at_reference(scene, acquired.robot, acquired.image_size)
+    seen = acquired.scene()
+    K = seen.lens.camera_matrix(acquired.image_size)
+    servoing = PhotometricServoing(
+        data.reference_image,
+        K[0, 0],
+        (K[0, 2], K[1, 2]),
+        depth_factor * render_depth(seen, robot.true_pose),
+        acquired.pivot_ranges(),
+        1e-3 * acquired.pivot_mm,
+        distortion=seen.lens.distortion,
+    )
+    T_told_cam = inverse_transform(robot.pose) @ robot.true_pose
+    if np.allclose(T_told_cam, np.eye(4)):
+        return servoing
+    return Mounted(servoing, T_told_cam, data.pivot)
+
+
+def loop_settings(method: str, repeatability: Repeatability) -> LoopSettings:
+    """How the loop is set for a method and a robot.
+
+    Photometric servoing keeps to its own law: many moves, a wide workspace, and image errors that
+    may rise on the way.
+    """
+    settings: dict[str, Any] = {"max_moves": MOST_MOVES}
+    if method == "photometric":
+        settings = {"max_moves": MOST_MOVES_PHOTOMETRIC, "growth": 2.0, "workspace_margin": 4.0}
+    return LoopSettings(
+        repeatability_mm=1e3 * repeatability.position,
+        repeatability_deg=float(np.degrees(repeatability.rotation)),
+        read_timeout_s=None,
+        move_timeout_s=None,
+        **settings,
+    )

@@ -1,0 +1,69 @@
+"""Methods that learn nothing, but answer at once, in the place of those that learn."""
+
+import numpy as np
+
+from servoscope.acquisition import AcquisitionConfig
+from servoscope.dataset import PoseImageSet
+from servoscope.poses import displacements_from_poses, inverse_transform
+from servoscope.positioning.interfaces import Estimate
+from servoscope.positioning.photometric import PhotometricServoing
+from servoscope.robots.registry import SimulatedRobot
+from servoscope.scoreboard.methods import make_photometric
+
+
+class Nearest:
+    """Tells the displacement of the training image that is most alike."""
+
+    def __init__(self, data: PoseImageSet) -> None:
+        self.image_shape, self.reference_image = data.image_shape, data.reference_image
+        self.pivot, self.reach = data.pivot, data.ranges()
+        self.images = data.images.astype(np.float32)
+        self.displacements = inverse_transform(data.T_world_ref) @ data.T_world_cam
+
+    def estimate(self, image: np.ndarray, previous: Estimate | None) -> Estimate:
+        nearest = int(np.argmin(((self.images - image) ** 2).sum(axis=(1, 2))))
+        return Estimate(self.displacements[nearest], 0.1 * self.reach, 0.0, "nearest")
+
+
+class FullStep:
+    """Photometric servoing that goes all the way that it believes."""
+
+    def __init__(self, servoing: PhotometricServoing) -> None:
+        self.servoing = servoing
+        self.image_shape, self.reference_image = servoing.image_shape, servoing.reference_image
+        self.pivot, self.reach = servoing.pivot, servoing.reach
+
+    def estimate(self, image: np.ndarray, previous: Estimate | None) -> Estimate:
+        told = self.servoing.estimate(image, None)
+        return Estimate(told.displacement, 0.01 * self.reach, 0.0, "full step")
+
+
+class Oracle:
+    """Knows where the robot's camera is."""
+
+    def __init__(self, robot: SimulatedRobot, reference: SimulatedRobot, pivot: float) -> None:
+        self.robot, self.reference, self.pivot = robot, reference, pivot
+        self.reference_image = reference.read()
+        self.image_shape, self.reach = self.reference_image.shape, np.array([0.1] * 3 + [0.5] * 3)
+
+    def estimate(self, image: np.ndarray, previous: Estimate | None) -> Estimate:
+        T_cam_told = inverse_transform(self.reference.true_pose) @ self.reference.pose
+        told = self.robot.true_pose @ T_cam_told
+        D = inverse_transform(self.reference.pose) @ told
+        return Estimate(D, np.full(6, 1e-6), 0.0, "oracle")
+
+    def delta_p(self) -> np.ndarray:
+        D = self.estimate(self.reference_image, None).displacement
+        return displacements_from_poses(np.eye(4), D[None], self.pivot)[0]
+
+
+def train_full_step(data: PoseImageSet, *, seed: int, n_jobs: int, on_progress) -> FullStep:
+    names = ("image_size", "part", "robot", "translation_mm", "rotation_deg", "pivot_mm")
+    acquired = AcquisitionConfig(**{name: data.source[name] for name in names})
+    servoing = make_photometric(acquired.part, data, acquired, 1.0)
+    assert isinstance(servoing, PhotometricServoing)
+    return FullStep(servoing)
+
+
+def train_nearest(data: PoseImageSet, *, seed: int, n_jobs: int, on_progress) -> Nearest:
+    return Nearest(data)
