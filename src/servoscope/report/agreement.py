@@ -11,6 +11,7 @@ import numpy as np
 from scipy.stats import hypergeom, spearmanr
 
 from servoscope.poses import DOFS
+from servoscope.report.averages import mean_rms
 from servoscope.report.names import DOF_LABELS, FORM_NAMES, listing
 from servoscope.report.run_data import Unit, list_units
 from servoscope.study.paper import FAMILIES, FAMILY_TITLES, TABLE1, TABLE3, table2
@@ -82,11 +83,6 @@ def stands_in_for_paper(summary: dict[str, Any]) -> bool:
     return one_ring and all(like[key] == value for key, value in PAPERS.items())
 
 
-def mean_rms(row: dict[str, dict[str, Any]]) -> float:
-    """Mean over the six degrees of freedom of the RMS errors in a row of a table, of range."""
-    return float(np.mean([row[dof]["rms"] for dof in DOFS]))
-
-
 def closeness_to_paper(unit: Unit) -> float:
     """Mean absolute logarithm, to base 2, of the ratio of its Table I to the published one."""
     ratios = [
@@ -115,12 +111,14 @@ def _share(n_met: int, n_all: int) -> str:
 
 
 def _moments_best_on_average(unit: Unit) -> Outcome:
-    means = {family: mean_rms(unit.results["table1"][family]) for family in FAMILIES}
+    means = {family: mean_rms(unit.results, unit.results["table1"][family]) for family in FAMILIES}
     return _yes_if(means["gm"] == min(means.values())), _means(means)
 
 
 def _pci_better_on_average(unit: Unit) -> Outcome:
-    means = {family: mean_rms(unit.results["table1"][family]) for family in ("pci", "pca")}
+    means = {
+        family: mean_rms(unit.results, unit.results["table1"][family]) for family in ("pci", "pca")
+    }
     return _yes_if(means["pci"] < means["pca"]), _means(means)
 
 
@@ -147,7 +145,7 @@ def _moments_best_everywhere(unit: Unit) -> Outcome:
 def _more_eigenvectors_are_worse(unit: Unit) -> Outcome:
     table = unit.results["table1"]
     worse = [dof for dof in DOFS if table["lfa85"][dof]["rms"] > table["lfa35"][dof]["rms"]]
-    few, many = mean_rms(table["lfa35"]), mean_rms(table["lfa85"])
+    few, many = mean_rms(unit.results, table["lfa35"]), mean_rms(unit.results, table["lfa85"])
     text = f"mean RMS {few:.3f} from 35, {many:.3f} from 85; worse for {len(worse)} of {len(DOFS)}."
     return ("no" if many <= few else _share(len(worse), len(DOFS))), text
 
@@ -173,7 +171,8 @@ def _fewer_features_suffice(unit: Unit) -> Outcome:
     moments, selected = unit.results["table1"]["gm"], unit.results["table3"]
     reached = [d for d in DOFS if selected[d]["rms"] <= moments[d]["rms"] + 0.005]
     sizes = [f"{DOF_LABELS[d]} with {selected[d]['n_features']}" for d in reached]
-    text = f"mean RMS {mean_rms(selected):.3f} selected, {mean_rms(moments):.3f} by all 24 moments"
+    ours, all_moments = (mean_rms(unit.results, row) for row in (selected, moments))
+    text = f"mean RMS {ours:.3f} selected, {all_moments:.3f} by all 24 moments"
     return _share(len(reached), len(DOFS)), (
         f"{text}; as good for {listing(sizes)}." if sizes else f"{text}; as good for none."
     )
@@ -281,7 +280,7 @@ def _compare_null_level(unit: Unit) -> Finding:
 
 
 def _compare_protocols(units: list[Unit]) -> Finding | None:
-    means = {unit.key: mean_rms(unit.results["table3"]) for unit in units}
+    means = {unit.key: mean_rms(unit.results, unit.results["table3"]) for unit in units}
     forms = [form for form in FORM_NAMES if {f"paper_{form}", f"honest_{form}"} <= means.keys()]
     if not forms:
         return None

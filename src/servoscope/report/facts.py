@@ -11,7 +11,8 @@ from typing import Any
 
 from servoscope import __version__
 from servoscope.poses import DOFS
-from servoscope.report.agreement import compare_with_paper, mean_rms, stands_in_for_paper
+from servoscope.report.agreement import compare_with_paper, stands_in_for_paper
+from servoscope.report.averages import mean_rms
 from servoscope.report.figures.rendering import FigureFile
 from servoscope.report.names import DOF_LABELS, DOF_UNITS, FORM_NAMES, PROTOCOL_NAMES
 from servoscope.report.reasons import explain_differences
@@ -91,7 +92,7 @@ def describe_unit(unit: Unit, figures: dict[str, dict[str, Any]]) -> dict[str, A
         "table1": rms_table(unit.results),
         "table2": ranking_table(unit.results),
         "table3": subset_table(unit.results),
-        "mean_selected": mean_rms(unit.results["table3"]),
+        "mean_selected": mean_rms(unit.results, unit.results["table3"]),
         "mi": information_table(unit.results),
         "stability": stability_table(unit.results),
         "figures": [figures[name] for name in names if name in figures],

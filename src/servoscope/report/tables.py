@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from servoscope.poses import DOFS
-from servoscope.report.agreement import mean_rms
+from servoscope.report.averages import mean_rms, moving_dofs
 from servoscope.report.names import DOF_LABELS, FAMILY_NAMES, feature_family
 from servoscope.study.paper import FAMILIES, FAMILY_TITLES, TABLE1, TABLE3, table2
 
@@ -18,20 +18,22 @@ FAMILY_MARKS = {"gm": "●", "pca": "□", "pci": "▲"}
 def rms_table(results: dict[str, Any]) -> list[dict[str, Any]]:
     """Table I: one row a family, then the selected features, then the mean as only answer.
 
-    Each row has its ``title`` and ``name``, ``cells`` (``rms``, ``physical``, ``published``) in
-    `DOFS` order, and the same for their ``mean``.
+    Each row has its ``title`` and ``name``, ``cells`` (``rms``, ``physical``, ``published``, and
+    whether the dof ``moves``) in `DOFS` order, and the same for the ``mean`` of those that do.
     """
     rows = [
-        _rms_row(FAMILY_TITLES[f], FAMILY_NAMES[f], results["table1"][f], TABLE1[f])
+        _rms_row(results, FAMILY_TITLES[f], FAMILY_NAMES[f], results["table1"][f], TABLE1[f])
         for f in FAMILIES
     ]
     published = {dof: float(TABLE3[dof]["rms"]) for dof in DOFS}
-    selected = _rms_row("Selected", "minimum subsets, Table III", results["table3"], published)
-    baseline = _rms_row("Baseline", "always answering the mean", results["baseline"], None)
+    selected = _rms_row(
+        results, "Selected", "minimum subsets, Table III", results["table3"], published
+    )
+    baseline = _rms_row(results, "Baseline", "always answering the mean", results["baseline"], None)
     best = [min(row["cells"][i]["rms"] for row in rows) for i in range(len(DOFS))]
     for row in rows:
         for cell, least in zip(row["cells"], best, strict=True):
-            cell["best"] = cell["rms"] == least
+            cell["best"] = cell["moves"] and cell["rms"] == least
     return [*rows, selected, baseline]
 
 
@@ -95,21 +97,29 @@ def stability_table(results: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _rms_row(
-    title: str, name: str, row: dict[str, dict[str, Any]], published: dict[str, float] | None
+    results: dict[str, Any],
+    title: str,
+    name: str,
+    row: dict[str, dict[str, Any]],
+    published: dict[str, float] | None,
 ) -> dict[str, Any]:
+    moving = moving_dofs(results)
     cells = [
         {
             "rms": row[dof]["rms"],
             "physical": row[dof]["physical"],
             "unit": row[dof]["unit"],
             "published": published[dof] if published else None,
+            "moves": dof in moving,
             "best": False,
         }
         for dof in DOFS
     ]
     mean = {
-        "rms": mean_rms(row),
-        "published": float(np.mean(list(published.values()))) if published else None,
+        "rms": mean_rms(results, row),
+        "published": float(np.mean([published[d] for d in moving]))
+        if published and moving
+        else None,
     }
     return {"title": title, "name": name, "cells": cells, "mean": mean}
 
