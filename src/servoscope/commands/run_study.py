@@ -15,6 +15,7 @@ from servoscope.files import write_json
 from servoscope.poses import DISPLAY_UNITS, DOFS
 from servoscope.report import write_report
 from servoscope.report.agreement import compare_order_of_families
+from servoscope.report.averages import mean_rms, moving_dofs
 from servoscope.study import Study, StudyConfig
 from servoscope.study.paper import FAMILIES, FAMILY_TITLES
 from servoscope.study.run_folder import RunFolder, read_json
@@ -58,14 +59,17 @@ def _table(title: str, results: dict[str, Any]) -> Table:
         table.add_column(f"{dof} [{unit}]", justify="right")
     table.add_column("mean of range", justify="right")
     for family in FAMILIES:
-        table.add_row(FAMILY_TITLES[family], *_errors(results["table1"][family]))
-    table.add_row("none: the mean", *_errors(results["baseline"]), end_section=True)
+        table.add_row(FAMILY_TITLES[family], *_errors(results, results["table1"][family]))
+    table.add_row("none: the mean", *_errors(results, results["baseline"]), end_section=True)
     minimum = results["table3"]
-    numbers = ", ".join(f"{minimum[dof]['n_features']}" for dof in DOFS)
-    table.add_row(f"selected ({numbers})", *_errors(minimum))
+    moving = moving_dofs(results)
+    numbers = ", ".join(f"{minimum[dof]['n_features']}" if dof in moving else "-" for dof in DOFS)
+    table.add_row(f"selected ({numbers})", *_errors(results, minimum))
     return table
 
 
-def _errors(row: dict[str, Any]) -> list[str]:
-    mean = sum(row[dof]["rms"] for dof in DOFS) / len(DOFS)
-    return [*(f"{row[dof]['physical']:.2f}" for dof in DOFS), f"{mean:.3f}"]
+def _errors(results: dict[str, Any], row: dict[str, Any]) -> list[str]:
+    """The cells of a row; a dof that never moved has no error."""
+    moving = moving_dofs(results)
+    cells = [f"{row[dof]['physical']:.2f}" if dof in moving else "-" for dof in DOFS]
+    return [*cells, f"{mean_rms(results, row):.3f}" if moving else "-"]
