@@ -69,7 +69,10 @@ def plot_family_errors(
             for dof, cell in zip(DOFS, least, strict=True)
         ],
     )
-    ax.legend(fontsize=SMALL, ncols=4, frameon=False, loc="lower left", bbox_to_anchor=(0, 1.0))
+    narrow = {"columnspacing": 1.2, "handletextpad": 0.3}
+    ax.legend(
+        fontsize=SMALL, ncols=4, frameon=False, loc="lower left", bbox_to_anchor=(0, 1.0), **narrow
+    )
     return ax
 
 
