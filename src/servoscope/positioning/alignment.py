@@ -43,13 +43,11 @@ class ImageModel:
     precision: Floats
     shape: tuple[int, int]
 
-    def image(self, p: Array) -> Floats:
-        """The image at a displacement `p`, (height * width,)."""
-        return evaluate_terms(self.powers, p).astype(np.float32) @ self.coefficients
-
-    def interaction(self, p: Array) -> Floats:
-        """The interaction matrix at `p`: the derivative of the image by each dof, (6, n_pixels)."""
-        return differentiate_terms(self.powers, p).astype(np.float32) @ self.coefficients
+    def linearise(self, p: Array) -> tuple[Floats, Floats]:
+        """The image at a displacement, (n_pixels,), and its interaction matrix, (6, n_pixels)."""
+        terms = np.vstack([evaluate_terms(self.powers, p), differentiate_terms(self.powers, p)])
+        rows = terms.astype(np.float32) @ self.coefficients
+        return rows[0], rows[1:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +99,7 @@ def align(
     """
     seen = image.ravel()
     p = np.clip(start, -1.0, 1.0)
-    light = _first_light(model, model.image(p), seen)
+    light = _first_light(model, model.linearise(p)[0], seen)
     for _ in range(max_iter):
         columns, residuals = _linearise(model, p, light, seen)
         weights, scale = _tukey(residuals)
@@ -133,14 +131,14 @@ def _first_light(model: ImageModel, expected: Floats, seen: Floats) -> Array:
 
 def _linearise(model: ImageModel, p: Array, light: Array, seen: Floats) -> tuple[Floats, Floats]:
     """Derivatives by p, gain, offset and defocus, (9, n_pixels), and residuals, both weighed."""
-    expected = model.image(p)
+    expected, interaction = model.linearise(p)
     laplacian = cv2.Laplacian(
         expected.reshape(model.shape), cv2.CV_32F, borderType=cv2.BORDER_REPLICATE
     ).ravel()
     gain, offset, defocus = light.astype(np.float32)
     residuals = (seen - gain * expected - offset - defocus * laplacian) * model.precision
     columns = np.empty((9, seen.size), np.float32)
-    np.multiply(model.interaction(p), gain * model.precision, out=columns[:6])
+    np.multiply(interaction, gain * model.precision, out=columns[:6])
     columns[6], columns[7], columns[8] = expected, 1.0, laplacian
     columns[6:] *= model.precision
     return columns, residuals

@@ -42,9 +42,9 @@ class Appearance:
             )
 
     def shape(self, image_shape: tuple[int, int]) -> tuple[int, int]:
-        """Height and width of prepared images: pixels of about 2/3 of the blur."""
+        """Height and width of prepared images: pixels about as wide as the blur."""
         height, width = image_shape
-        columns = int(min(width, max(24, 1.5 / self.blur), max(24, width // 2)))
+        columns = int(min(width, max(24, 1 / self.blur), max(24, width // 2)))
         return max(1, round(columns * height / width)), columns
 
     def prepare(self, image: NDArray) -> Floats:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -60,6 +62,47 @@ class LearnedInteraction:
     model: ImageModel
     std_factor: float = 1.0
     unlikeness_limit: float = np.inf
+
+    def describe(self) -> dict[str, Any]:
+        """What is not an array, as plain JSON values."""
+        return {
+            "radius": self.radius,
+            "degree": int(self.model.powers.sum(axis=1).max()),
+            "shape": list(self.model.shape),
+            **asdict(self.appearance),
+            "std_factor": self.std_factor,
+            "unlikeness_limit": self.unlikeness_limit,
+        }
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """What is an array."""
+        return {"coefficients": self.model.coefficients, "precision": self.model.precision}
+
+    @classmethod
+    def restore(
+        cls, description: Mapping[str, Any], arrays: Mapping[str, NDArray]
+    ) -> LearnedInteraction:
+        """The level that was described, with its arrays.
+
+        Raises
+        ------
+        ValueError, KeyError, TypeError
+            If they do not belong together.
+        """
+        height, width = map(int, description["shape"])
+        powers = exponents(int(description["degree"]))
+        coefficients, precision = arrays["coefficients"], arrays["precision"]
+        if coefficients.shape != (len(powers), height * width) or precision.shape != (
+            height * width,
+        ):
+            raise ValueError(f"a level's arrays do not fit its {height} x {width} pixels")
+        return cls(
+            Appearance(float(description["blur"]), float(description["high_pass"])),
+            float(description["radius"]),
+            ImageModel(powers, coefficients, precision, (height, width)),
+            float(description["std_factor"]),
+            float(description["unlikeness_limit"]),
+        )
 
     def align(self, image: NDArray, start: Array, **options: float) -> Alignment:
         """Where an image was taken, seen from a first guess in shares of the reach."""

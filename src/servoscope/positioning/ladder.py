@@ -27,12 +27,14 @@ BLURS = tuple(pixels / 256 for pixels in (24, 16, 12, 8, 5, 3, 2, 1))
 HIGH_PASS = 4.0
 """The high-pass of the last level, if it helps, in its blurs."""
 
-HIGHEST_DEGREE = 4
+HIGHEST_DEGREES = ((0.5, 4), (0.1, 3), (0.0, 2))
+"""The highest degree of a level's polynomials, from a radius on: near the reference low ones do."""
 
 _SHELL = 0.7
 _IMAGES_PER_TERM = 2
 _MOST_HELD_OUT = 40
 _SLACK = 2.0
+_GUESS = 0.3
 _NORMAL_MEDIAN = 0.6745
 
 
@@ -67,10 +69,11 @@ def plan_rungs(p: Array) -> list[Rung]:
     size = np.abs(p).max(axis=1)
     rungs = []
     for radius in RATIO ** np.arange(12):
+        highest = next(degree for least, degree in HIGHEST_DEGREES if radius >= least)
         n_images = int(np.sum((size > _SHELL * radius) & (size <= MARGIN * radius)))
         degrees = [
             degree
-            for degree in range(2, HIGHEST_DEGREE + 1)
+            for degree in range(2, highest + 1)
             if n_images >= _IMAGES_PER_TERM * len(exponents(degree))
         ]
         if degrees:
@@ -139,9 +142,13 @@ def learn_levels(
 
 
 def held_out_errors(level: LearnedInteraction, images: Images, p: Array) -> Array:
-    """Errors of images from within the radius, in shares of the reach, (n, 6)."""
+    """Errors of images from within the radius, in shares of the reach, (n, 6).
+
+    The first guess is off by as much as a wider level's answer might be.
+    """
     near = _near(level, p)
-    said = [level.displacement(level.align(images[i], np.zeros(6))) for i in near]
+    guesses = p + _GUESS * level.radius * np.random.default_rng(0).uniform(-1, 1, p.shape)
+    said = [level.displacement(level.align(images[i], guesses[i])) for i in near]
     return np.array(said).reshape(-1, 6) - p[near]
 
 
