@@ -102,7 +102,7 @@ def align(
     light = _first_light(model, model.linearise(p)[0], seen)
     for _ in range(max_iter):
         columns, residuals = _linearise(model, p, light, seen)
-        weights, scale = _tukey(residuals)
+        weights = _tukey(residuals)
         hessian = ((columns * weights) @ columns.T).astype(float)
         hessian[np.diag_indices(len(hessian))] *= 1 + _DAMPING
         step = np.linalg.lstsq(hessian, columns @ (weights * residuals), rcond=1e-12)[0]
@@ -111,7 +111,7 @@ def align(
         if np.abs(step[:6]).max() < tolerance:
             break
     columns, residuals = _linearise(model, p, light, seen)
-    weights, scale = _tukey(residuals)
+    weights = _tukey(residuals)
     spread = float(np.median(np.abs(seen - np.median(seen)) * model.precision))
     return Alignment(
         p,
@@ -144,11 +144,11 @@ def _linearise(model: ImageModel, p: Array, light: Array, seen: Floats) -> tuple
     return columns, residuals
 
 
-def _tukey(residuals: Floats) -> tuple[Floats, float]:
-    """Weights of residuals, and their robust standard deviation."""
+def _tukey(residuals: Floats) -> Floats:
+    """Weights of residuals by their robust standard deviation."""
     scale = max(LEAST_SCALE, 1.4826 * float(np.median(np.abs(residuals))))
     inside = 1 - (residuals / np.float32(CUT * scale)) ** 2
-    return np.where(inside > 0, inside * inside, np.float32(0)), scale
+    return np.where(inside > 0, inside * inside, np.float32(0))
 
 
 def _covariance(

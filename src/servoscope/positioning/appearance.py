@@ -67,12 +67,11 @@ def _smoothed(image: NDArray, sigma: float, shape: tuple[int, int]) -> Floats:
     factor = 1
     while sigma >= 3 * factor and image.shape[1] >= 4 * factor * shape[1]:
         factor *= 2
-    source = np.asarray(image, dtype=np.float32)
     if factor > 1:
-        size = (source.shape[1] // factor, source.shape[0] // factor)
-        source = cv2.resize(source, size, interpolation=cv2.INTER_AREA)
+        size = (image.shape[1] // factor, image.shape[0] // factor)
+        image = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     left = np.sqrt(max(sigma**2 - (factor**2 - 1) / 12, 0.01)) / factor
-    source = cv2.GaussianBlur(source, (0, 0), left)
-    if source.shape != shape:
-        source = cv2.resize(source, shape[::-1], interpolation=cv2.INTER_AREA)
-    return source
+    smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), left)
+    if smooth.shape != shape:
+        smooth = cv2.resize(smooth, shape[::-1], interpolation=cv2.INTER_AREA)
+    return np.asarray(smooth, dtype=np.float32)

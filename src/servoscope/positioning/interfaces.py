@@ -79,23 +79,23 @@ class Estimate:
 
 
 class Estimator(Protocol):
-    """What turns an image into a displacement.
+    """What turns an image into a displacement."""
 
-    Parameters
-    ----------
-    image_shape : tuple of 2 int
-        Height and width of the images that it takes.
-    reference_image : ndarray of shape (height, width), uint8
-    pivot : float
-        Distance along z of the point that displacements are taken about, [m].
-    reach : ndarray of shape (6,)
-        Largest displacements about the pivot that it was made for, [m] and [rad].
-    """
+    @property
+    def image_shape(self) -> tuple[int, int]:
+        """Height and width of the images that it takes."""
 
-    image_shape: tuple[int, int]
-    reference_image: Image
-    pivot: float
-    reach: Array
+    @property
+    def reference_image(self) -> Image:
+        """The view to bring the camera back to, uint8."""
+
+    @property
+    def pivot(self) -> float:
+        """Distance along z of the point that displacements are taken about, [m]."""
+
+    @property
+    def reach(self) -> Array:
+        """Largest displacements about the pivot that it was made for, (6,), [m] and [rad]."""
 
     def estimate(self, image: Image, previous: Estimate | None) -> Estimate:
         """Where an image was taken.

@@ -81,8 +81,8 @@ def plan_rungs(p: Array) -> list[Rung]:
     if not rungs or rungs[0].radius < 1:
         least = _IMAGES_PER_TERM * len(exponents(2))
         raise DataSetError(
-            f"Training needs at least {least} images displaced by {_SHELL:.0%} of the range or more, "
-            f"got {int(np.sum(size > _SHELL))}; take more, for example with --schedule default."
+            f"Training needs at least {least} images displaced by {_SHELL:.0%} of the range or "
+            f"more, got {int(np.sum(size > _SHELL))}; take more, for example with --schedule default."
         )
     return rungs
 
