@@ -1,4 +1,4 @@
-"""Models that are damaged, or made to do harm, are refused in one line."""
+"""Models that were changed, or made to do harm, are refused in one line."""
 
 import json
 import os
@@ -7,13 +7,11 @@ import zipfile
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-from model_samples import CONTENT, HEADER, assert_as_written, assert_refused
+from model_samples import CONTENT, HEADER, assert_refused
 from servoscope.errors import ModelError
 from servoscope.positioning import model_arrays, model_folder
-from servoscope.positioning.model_folder import ARRAYS, MODEL, read_model, write_model
+from servoscope.positioning.model_folder import ARRAYS, MODEL, is_model, read_model, write_model
 
 
 @pytest.fixture
@@ -71,7 +69,7 @@ def test_a_bad_model_json_is_refused(model, text, match):
 
 def test_a_newer_model_says_who_wrote_it(model):
     sign(model, version=7, servoscope="3.1.4")
-    assert_refused(model, r"version 7, written by servoscope '3\.1\.4'.*update servoscope")
+    assert_refused(model, r"version 7, written by servoscope '3\.1\.4'.*update it")
 
 
 def test_changed_numbers_are_noticed(model):
@@ -230,6 +228,15 @@ def test_an_array_head_that_asks_for_more_is_refused(model):
         assert_refused(model, "'x'|Header|header|malformed")
 
 
+def test_folders_that_cannot_be_looked_at_are_refused(tmp_path):
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    assert_refused(tmp_path / "loop", "does not exist")
+    assert not is_model(tmp_path / "loop")
+    with pytest.raises(ModelError, match="File name too long"):
+        read_model(tmp_path / ("x" * 300))
+    assert not is_model("/")
+
+
 @pytest.mark.parametrize("part", [MODEL, ARRAYS])
 def test_links_and_pipes_are_refused(model, tmp_path, part):
     (model / part).rename(tmp_path / "elsewhere")
@@ -246,61 +253,3 @@ def test_numbers_that_are_not_finite_are_refused(model):
     sign(model, arrays={"x": {"dtype": "<f8", "shape": [1], "sha256": digest}})
     np.savez(model / ARRAYS, x=values)
     assert_refused(model, "NaN or infinite")
-
-
-damages = st.lists(
-    st.tuples(
-        st.sampled_from(["flip", "cut", "insert", "delete", "repeat"]),
-        st.floats(0.0, 1.0),
-        st.binary(min_size=1, max_size=12),
-    ),
-    min_size=1,
-    max_size=4,
-)
-
-
-def damage(data, kind, where, noise):
-    i = int(where * len(data))
-    return {
-        "flip": data[:i] + noise + data[i + len(noise) :],
-        "cut": data[:i],
-        "insert": data[:i] + noise + data[i:],
-        "delete": data[:i] + data[i + len(noise) :],
-        "repeat": data[:i] + data[max(0, i - 64 * len(noise)) :],
-    }[kind]
-
-
-@pytest.mark.parametrize("part", [MODEL, ARRAYS])
-@settings(
-    max_examples=400,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
-@given(damages=damages)
-def test_damaged_bytes_are_refused_or_make_no_difference(model, part, damages):
-    whole = (model / part).read_bytes()
-    data = whole
-    for kind, where, noise in damages:
-        data = damage(data, kind, where, noise)
-    (model / part).write_bytes(data)
-    try:
-        assert_as_written(read_model(model))
-    except ModelError:
-        pass
-    finally:
-        (model / part).write_bytes(whole)
-
-
-@pytest.mark.parametrize("part", [MODEL, ARRAYS])
-def test_a_changed_bit_is_refused_or_makes_no_difference(model, part):
-    whole = (model / part).read_bytes()
-    n_refused = 0
-    for i in range(0, len(whole), 3):
-        changed = bytes([whole[i] ^ (1 << i % 8)])
-        (model / part).write_bytes(whole[:i] + changed + whole[i + 1 :])
-        try:
-            assert_as_written(read_model(model))
-        except ModelError:
-            n_refused += 1
-    assert n_refused > 0.15 * len(whole)

@@ -131,6 +131,8 @@ def test_a_kill_at_any_moment_leaves_the_old_or_the_new_model(model, monkeypatch
     assert is_model(model)
     if dead:
         assert_as_written(read_model(model))
+        with pytest.raises(FolderExistsError, match="holds a model already"):
+            check_free(model)
     else:
         assert n_done == 5
         assert read_model(model) == ({"new": 1}, {})

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import shutil
 import stat
 from collections.abc import Mapping
@@ -78,12 +79,11 @@ def write_model(
     >>> header, arrays["weights"].dtype, arrays["weights"].shape
     ({'image_size': 64}, dtype('float32'), (2, 3))
     """
-    path = Path(folder).resolve()
-    _settle(path)
+    path = Path(os.path.realpath(folder))
     check_free(path, force=force)
     arrays = {name: np.asarray(array) for name, array in arrays.items()}
     text = _to_text(header, make_table(arrays))
-    part = path.with_name(f".{path.name}.servoscope-part")
+    part = path.parent / f".{path.name}.servoscope-part"
     shutil.rmtree(part, ignore_errors=True)
     part.mkdir(parents=True)
     try:
@@ -105,8 +105,7 @@ def read_model(folder: Folder) -> tuple[dict[str, Any], Arrays]:
     ModelError
         If it is missing, unfinished, damaged, of a newer version, or not what a model may be.
     """
-    path = _find(Path(folder))
-    values = _read_values(path / MODEL)
+    path, values = _open(Path(folder))
     try:
         _check_regular(path / ARRAYS)
         return values["header"], read_arrays(path / ARRAYS, read_table(values["arrays"]))
@@ -122,7 +121,7 @@ def read_version(folder: Folder) -> tuple[int, str]:
     ModelError
         If ``model.json`` is missing, damaged or of a newer version.
     """
-    values = _read_values(_find(Path(folder)) / MODEL)
+    _, values = _open(Path(folder))
     return values["version"], values["servoscope"]
 
 
@@ -138,6 +137,7 @@ def check_free(folder: Folder, *, force: bool = False) -> None:
     With `force` it may replace a model, but nothing else, nor anything that lies beside one.
     """
     path = Path(folder)
+    _settle(path)
     if not path.exists():
         return
     if not path.is_dir():
@@ -182,6 +182,20 @@ def _digest(values: dict[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+def _open(path: Path) -> tuple[Path, dict[str, Any]]:
+    """Where the model is, and what its ``model.json`` holds, known to be as it was written."""
+    try:
+        path = _find(path)
+        values = _read_json(path / MODEL)
+        _check_version(path, values)
+        _check_content(values)
+    except ModelError:
+        raise
+    except Exception as error:  # a hostile file is wrong in ways of its own
+        _refuse(path / MODEL, error)
+    return path, values
+
+
 def _find(path: Path) -> Path:
     """The folder, or where it was set aside when a replacement was killed."""
     if not path.exists() and _aside(path).is_dir():
@@ -203,19 +217,8 @@ def _settle(path: Path) -> None:
 
 
 def _aside(path: Path) -> Path:
-    path = path.resolve()
-    return path.with_name(f".{path.name}.servoscope-old")
-
-
-def _read_values(path: Path) -> dict[str, Any]:
-    """What ``model.json`` holds, once it is known to be as it was written."""
-    try:
-        values = _read_json(path)
-        _check_version(values)
-        _check_content(values)
-    except Exception as error:  # a hostile file is wrong in ways of its own
-        _refuse(path, error)
-    return values
+    path = Path(os.path.realpath(path))
+    return path.parent / f".{path.name}.servoscope-old"
 
 
 def _is_ours(path: Path) -> bool:
@@ -242,7 +245,7 @@ def _check_regular(path: Path) -> None:
         raise ValueError("it is a link or no file; copy the file itself there")
 
 
-def _check_version(values: dict[str, Any]) -> None:
+def _check_version(path: Path, values: dict[str, Any]) -> None:
     if values.get("format") != FORMAT:
         raise ValueError("it is not a model of servoscope")
     version = values.get("version")
@@ -250,9 +253,9 @@ def _check_version(values: dict[str, Any]) -> None:
         raise ValueError(f"its version is {brief(version)}")
     if version > VERSION:
         raise ModelError(
-            f"it is of version {brief(version)}, written by servoscope "
-            f"{brief(values.get('servoscope'))}, and servoscope {__version__} reads version "
-            f"{VERSION}"
+            f"{path} is of version {brief(version)}, written by servoscope "
+            f"{brief(values.get('servoscope'))}; servoscope {__version__} reads version {VERSION}: "
+            "update it, or train the model again."
         )
 
 
@@ -267,8 +270,6 @@ def _check_content(values: dict[str, Any]) -> None:
 
 def _refuse(path: Path, error: Exception) -> NoReturn:
     reason = " ".join(str(error).split())[:300] or type(error).__name__
-    if isinstance(error, ModelError):
-        raise ModelError(f"{path}: {reason}; update servoscope, or train the model again.")
     raise ModelError(
         f"{path} cannot be read ({reason}); copy the model anew, or train it again."
     ) from error
