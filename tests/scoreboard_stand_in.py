@@ -1,41 +1,52 @@
 """Methods that learn nothing, but answer at once, in the place of those that learn."""
 
+from pathlib import Path
+
 import numpy as np
 
 from servoscope.acquisition import AcquisitionConfig
 from servoscope.dataset import PoseImageSet
 from servoscope.poses import displacements_from_poses, inverse_transform
 from servoscope.positioning.interfaces import Estimate
-from servoscope.positioning.photometric import PhotometricServoing
 from servoscope.robots.registry import SimulatedRobot
-from servoscope.scoreboard.methods import make_photometric
+from servoscope.scoreboard.methods import Learner, make_photometric
 
 
 class Nearest:
     """Tells the displacement of the training image that is most alike."""
 
     def __init__(self, data: PoseImageSet) -> None:
+        self.data = data
         self.image_shape, self.reference_image = data.image_shape, data.reference_image
         self.pivot, self.reach = data.pivot, data.ranges()
-        self.images = data.images.astype(np.float32)
         self.displacements = inverse_transform(data.T_world_ref) @ data.T_world_cam
 
     def estimate(self, image: np.ndarray, previous: Estimate | None) -> Estimate:
-        nearest = int(np.argmin(((self.images - image) ** 2).sum(axis=(1, 2))))
+        differences = self.data.images.astype(np.float32) - image
+        nearest = int(np.argmin((differences**2).sum(axis=(1, 2))))
         return Estimate(self.displacements[nearest], 0.1 * self.reach, 0.0, "nearest")
 
+    def save(self, folder: Path, *, force: bool = False) -> None:
+        self.data.save(folder)
 
-class FullStep:
+
+class FullStep(Nearest):
     """Photometric servoing that goes all the way that it believes."""
 
-    def __init__(self, servoing: PhotometricServoing) -> None:
-        self.servoing = servoing
-        self.image_shape, self.reference_image = servoing.image_shape, servoing.reference_image
-        self.pivot, self.reach = servoing.pivot, servoing.reach
+    def __init__(self, data: PoseImageSet) -> None:
+        super().__init__(data)
+        names = ("image_size", "part", "robot", "translation_mm", "rotation_deg", "pivot_mm")
+        acquired = AcquisitionConfig(**{name: data.source[name] for name in names})
+        self.servoing = make_photometric(acquired.part, data, acquired, 1.0)
 
     def estimate(self, image: np.ndarray, previous: Estimate | None) -> Estimate:
         told = self.servoing.estimate(image, None)
         return Estimate(told.displacement, 0.01 * self.reach, 0.0, "full step")
+
+
+def learner(method: type[Nearest]) -> Learner:
+    """How a stand-in is trained and read."""
+    return Learner(lambda data, **_: method(data), lambda folder: method(PoseImageSet.load(folder)))
 
 
 class Oracle:
@@ -55,15 +66,3 @@ class Oracle:
     def delta_p(self) -> np.ndarray:
         D = self.estimate(self.reference_image, None).displacement
         return displacements_from_poses(np.eye(4), D[None], self.pivot)[0]
-
-
-def train_full_step(data: PoseImageSet, *, seed: int, n_jobs: int, on_progress) -> FullStep:
-    names = ("image_size", "part", "robot", "translation_mm", "rotation_deg", "pivot_mm")
-    acquired = AcquisitionConfig(**{name: data.source[name] for name in names})
-    servoing = make_photometric(acquired.part, data, acquired, 1.0)
-    assert isinstance(servoing, PhotometricServoing)
-    return FullStep(servoing)
-
-
-def train_nearest(data: PoseImageSet, *, seed: int, n_jobs: int, on_progress) -> Nearest:
-    return Nearest(data)

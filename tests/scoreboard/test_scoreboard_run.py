@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from scoreboard_stand_in import train_full_step, train_nearest
+from scoreboard_stand_in import FullStep, Nearest, learner
 from servoscope.cli import main
 from servoscope.errors import InvalidInputError
 from servoscope.report.scoreboard import write_scoreboard
 from servoscope.scoreboard import run as scoreboard_run
 from servoscope.scoreboard.conditions import CONDITIONS, SCENES
-from servoscope.scoreboard.methods import METHODS, TRAINERS
+from servoscope.scoreboard.methods import LEARNERS, METHODS
 from servoscope.scoreboard.plan import Plan
 from servoscope.scoreboard.run import Scoreboard
 from servoscope.study.run_folder import open_run_folder
@@ -24,8 +24,8 @@ PLAN = Plan(
 
 @pytest.fixture(autouse=True)
 def _stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(TRAINERS, "ours", train_full_step)
-    monkeypatch.setitem(TRAINERS, "networks", train_nearest)
+    monkeypatch.setitem(LEARNERS, "ours", learner(FullStep))
+    monkeypatch.setitem(LEARNERS, "networks", learner(Nearest))
     monkeypatch.setattr("servoscope.scoreboard.methods.MOST_MOVES_PHOTOMETRIC", 6)
 
 
@@ -49,8 +49,8 @@ def without_clock(path: Path) -> str:
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("scoreboard") / "run"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(TRAINERS, "ours", train_full_step)
-        patch.setitem(TRAINERS, "networks", train_nearest)
+        patch.setitem(LEARNERS, "ours", learner(FullStep))
+        patch.setitem(LEARNERS, "networks", learner(Nearest))
         patch.setattr("servoscope.scoreboard.methods.MOST_MOVES_PHOTOMETRIC", 6)
         run(path)
     return path

@@ -27,7 +27,7 @@ def made_up(
 ) -> Trial:
     n = len(path_mm)
     values = {"believed": [None] * 6, "std": [None] * 6, "truth": [0.0] * 6, **belief}
-    return Trial(status, n - 1, list(path_mm), [deg] * n, [ms] * n, **values)
+    return Trial(status, "", n - 1, list(path_mm), [deg] * n, [ms] * n, **values)
 
 
 def test_numbers_are_counts_and_medians() -> None:
@@ -55,6 +55,13 @@ def test_without_a_success_no_moves_are_told() -> None:
     numbers = summarise([made_up(9.0, 8.0)])
     assert numbers["success"] == 0
     assert numbers["moves_median"] is None
+
+
+def test_without_a_decision_none_are_timed() -> None:
+    blind = Trial("camera_fault", "black", 0, [50.0], [5.0], [], [None] * 6, [None] * 6, [0.0] * 6)
+    assert summarise([blind])["decision_ms_median"] is None
+    targets = check_targets("x", {"range_1.0": {"ours": [blind], "photometric": [blind]}})
+    assert by_words(targets)["range_1.0 median decision"] is False
 
 
 def test_a_prediction_is_held_against_the_truth() -> None:

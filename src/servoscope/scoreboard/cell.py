@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.poses import poses_from_displacements
-from servoscope.robots.free_camera import FreeCamera
 from servoscope.robots.registry import SimulatedRobot, make_robot
 from servoscope.scene.parts import make_part
 from servoscope.scene.scene import T_WORLD_REF, Scene
@@ -48,16 +47,33 @@ def robot_at_start(
     RobotFaultError
         If it cannot carry the camera there.
     """
+    robot = CONDITIONS[condition].robot
+    return robot_in_cell(scene, 0, robot, condition, image_size, seed, start)
+
+
+def robot_in_cell(
+    part: str,
+    variant: int,
+    robot: str,
+    condition: str,
+    image_size: int,
+    seed: int,
+    start: int = 0,
+) -> SimulatedRobot:
+    """A robot over a part, with its camera at a start, under all of a condition but its robot.
+
+    Raises
+    ------
+    RobotFaultError
+        If it cannot carry the camera there.
+    """
     changes = CONDITIONS[condition]
-    seen = changes.change(scene_of_training(scene, image_size), start + 1000 * seed)
+    trained = Scene(part=make_part(part, variant), image_size=image_size)
+    seen = changes.change(trained, start + 1000 * seed)
     T_world_cam = start_pose(seed, start, changes.factor)
     number = list(CONDITIONS).index(condition)
     rng = np.random.default_rng([seed, _TRIALS, number, start])
-    if changes.robot == "arm":
-        from servoscope.robots.arm import Arm
-
-        return Arm(seen, T_world_cam, changes.repeatability, rng)
-    return FreeCamera(seen, T_world_cam, changes.repeatability, rng)
+    return make_robot(robot, seen, changes.repeatability, rng, T_world_cam)
 
 
 def robot_at_reference(scene: str, robot: str, image_size: int) -> SimulatedRobot:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,34 +20,64 @@ from servoscope.scene.depth import render_depth
 from servoscope.scoreboard.cell import robot_at_reference
 
 Array = NDArray[np.float64]
-OnProgress = Callable[[int], object] | None
-Trainer = Callable[..., Estimator]
-
 METHODS = ("ours", "networks", "photometric")
 
 MOST_MOVES = 12
 MOST_MOVES_PHOTOMETRIC = 200
 
 
-def train_ours(data: PoseImageSet, *, seed: int, n_jobs: int, on_progress: OnProgress) -> Estimator:
-    """Coarse networks on robust features, and a learned interaction matrix."""
+class Model(Estimator, Protocol):
+    """An estimator that can be kept."""
+
+    def save(self, folder: Path, *, force: bool = False) -> None:
+        """Write it to a folder of its own."""
+
+
+@dataclass(frozen=True)
+class Learner:
+    """A method that learns from images.
+
+    Parameters
+    ----------
+    train : callable
+        Makes a `Model` of a `PoseImageSet`; takes ``seed``, ``n_jobs`` and ``on_progress`` by
+        name.
+    load : callable
+        Reads what the model's ``save`` has written to a folder.
+    """
+
+    train: Callable[..., Model]
+    load: Callable[[Path], Model]
+
+
+def _train_ours(data: PoseImageSet, **options: Any) -> Any:
     from servoscope.positioning.training import train
 
-    return train(data, seed=seed, n_jobs=n_jobs, on_progress=on_progress)
+    return train(data, **options)
 
 
-def train_networks(
-    data: PoseImageSet, *, seed: int, n_jobs: int, on_progress: OnProgress
-) -> Estimator:
-    """The paper's networks alone, iterated."""
+def _load_ours(folder: Path) -> Any:
+    from servoscope.positioning.model import PositioningModel
+
+    return PositioningModel.load(folder)
+
+
+def _train_networks(data: PoseImageSet, **options: Any) -> Any:
     from servoscope.positioning.iterated_networks import IteratedNetworks
 
-    return IteratedNetworks.train(data, seed=seed, n_jobs=n_jobs, on_progress=on_progress)
+    return IteratedNetworks.train(data, **options)
 
 
-TRAINERS: dict[str, Trainer] = {"ours": train_ours, "networks": train_networks}
-"""The methods that learn from images. Each is called with the images, and ``seed``, ``n_jobs``
-and ``on_progress`` by name."""
+def _load_networks(folder: Path) -> Any:
+    from servoscope.positioning.iterated_networks import IteratedNetworks
+
+    return IteratedNetworks.load(folder)
+
+
+LEARNERS = {
+    "ours": Learner(_train_ours, _load_ours),
+    "networks": Learner(_train_networks, _load_networks),
+}
 
 
 class Mounted:
@@ -118,7 +149,7 @@ def loop_settings(method: str, repeatability: Repeatability) -> LoopSettings:
     """
     settings: dict[str, Any] = {"max_moves": MOST_MOVES}
     if method == "photometric":
-        settings = {"max_moves": MOST_MOVES_PHOTOMETRIC, "growth": 2.0, "workspace_margin": 4.0}
+        settings = {"max_moves": MOST_MOVES_PHOTOMETRIC, "growth": 2.0, "workspace_margin": 2.0}
     return LoopSettings(
         repeatability_mm=1e3 * repeatability.position,
         repeatability_deg=float(np.degrees(repeatability.rotation)),

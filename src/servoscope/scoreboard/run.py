@@ -4,54 +4,30 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator
 from dataclasses import asdict
 from functools import partial
+from itertools import product
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from servoscope import __version__
-from servoscope.acquisition import acquire
-from servoscope.dataset import PoseImageSet
 from servoscope.errors import RunFolderError
 from servoscope.files import read_json, write_json
 from servoscope.positioning import Estimator
-from servoscope.processes import in_processes, one_blas_thread
+from servoscope.processes import in_processes
+from servoscope.robots.registry import ROBOTS
 from servoscope.scoreboard.conditions import CONDITIONS, SCENES
-from servoscope.scoreboard.methods import METHODS, TRAINERS, loop_settings, make_photometric
+from servoscope.scoreboard.methods import METHODS, loop_settings
 from servoscope.scoreboard.plan import Plan
+from servoscope.scoreboard.stages import ProgressBar, Stages, no_progress
 from servoscope.scoreboard.summary import summarise
 from servoscope.scoreboard.targets import check_targets
 from servoscope.scoreboard.trial import Trial, run_start
-
-ProgressBar = Callable[[str, int | None], AbstractContextManager[Callable[[int], object]]]
-"""Opens a progress bar, given what is done and how many items that has, if known; yields the
-function that is told how many are finished."""
+from servoscope.scoreboard.workshop import Workshop
 
 TRIALS_PER_CALL = 5
 """Starts that a process is given at once: the estimator is sent along with them."""
-
-
-class Stages(Protocol):
-    """A folder that remembers which stages are finished."""
-
-    path: Path
-
-    def run_stage(
-        self, name: str, inputs: Any, make: Callable[[], object], outputs: Sequence[str] = ()
-    ) -> None:
-        """Call ``make()``, unless it was called for the same inputs and has left its outputs."""
-
-    def timings(self) -> dict[str, float]:
-        """How long each stage took, [s]."""
-
-
-def no_progress(
-    description: str, total: int | None
-) -> AbstractContextManager[Callable[[int], object]]:
-    """A progress bar that nobody sees."""
-    return nullcontext(lambda n_done: None)
 
 
 class Scoreboard:
@@ -78,7 +54,6 @@ class Scoreboard:
     ) -> None:
         self.folder, self.plan = folder, plan
         self.n_jobs, self.progress = n_jobs, progress
-        self._made: dict[tuple[str, str], dict[str, Estimator]] = {}
 
     def run(self) -> dict[str, Any]:
         """Take images, train, run all trials, and write ``scoreboard.json``.
@@ -89,12 +64,18 @@ class Scoreboard:
             ``results[scene][condition][method]`` of `summarise`, ``targets``, and how it was made.
         """
         inputs = {"plan": asdict(self.plan), "servoscope": __version__}
-        for scene in SCENES:
-            for condition in self.plan.conditions:
-                name = _stage_name(scene, condition)
-                run_trials = partial(self._run_trials, scene, condition)
-                self.folder.run_stage(name, inputs, run_trials, [f"trials/{name}.json"])
-            self._made.clear()
+        for scene, robot in product(SCENES, ROBOTS):
+            conditions = [c for c in self.plan.conditions if CONDITIONS[c].robot == robot]
+            if not conditions:
+                continue
+            workshop = Workshop(
+                self.folder, self.plan, scene, robot, n_jobs=self.n_jobs, progress=self.progress
+            )
+            workshop.prepare()
+            for condition in conditions:
+                run_trials = partial(self._run_trials, workshop, condition)
+                path = _trials_file(scene, condition)
+                self.folder.run_stage(f"trials_{path.stem}", inputs, run_trials, [str(path)])
         scoreboard = self._summary()
         write_json(self.folder.path / "scoreboard.json", scoreboard)
         return scoreboard
@@ -114,68 +95,37 @@ class Scoreboard:
                     by_method[method] = read["range_1.0"][method]
         return {name: {m: read[name][m] for m in METHODS} for name in self.plan.conditions}
 
-    def _run_trials(self, scene: str, condition: str) -> None:
-        calls = list(self._calls(scene, condition))
+    def _run_trials(self, workshop: Workshop, condition: str) -> None:
+        calls = list(self._calls(workshop, condition))
         trials: dict[str, list[dict[str, Any]]] = {}
         n_done, total = 0, sum(len(starts) for _, starts, *_ in calls)
-        with self.progress(f"{scene}, {condition}", total) as advance:
+        with self.progress(f"{workshop.scene}, {condition}", total) as advance:
             blocks = in_processes(_run_block, calls, self.n_jobs, max_nbytes=None)
             for (method, *_), block in zip(calls, blocks, strict=True):
                 trials.setdefault(method, []).extend(trial.to_dict() for trial in block)
                 n_done += len(block)
                 advance(n_done)
-        path = self.folder.path / "trials" / f"{_stage_name(scene, condition)}.json"
+        path = self.folder.path / _trials_file(workshop.scene, condition)
         path.parent.mkdir(exist_ok=True)
         write_json(path, trials)
 
-    def _calls(self, scene: str, condition: str) -> Iterator[tuple[Any, ...]]:
+    def _calls(self, workshop: Workshop, condition: str) -> Iterator[tuple[Any, ...]]:
         """The arguments of `_run_block`, those that take longest first."""
         changes = CONDITIONS[condition]
+        where = workshop.scene, condition, self.plan.image_size, self.plan.seed
         for method in reversed(METHODS):
-            n_trials = self.plan.n_trials(scene, condition, method)
+            n_trials = self.plan.n_trials(workshop.scene, condition, method)
             if not n_trials:
                 continue
-            estimator = self._estimator(scene, changes.robot, method, changes.depth_factor)
+            estimator = workshop.estimator(method, changes.depth_factor)
             settings = loop_settings(method, changes.repeatability)
             step = 1 if method == "photometric" else TRIALS_PER_CALL
             for first in range(0, n_trials, step):
                 starts = range(first, min(first + step, n_trials))
-                where = scene, condition, self.plan.image_size, self.plan.seed
                 yield method, starts, where, estimator, settings
 
-    def _estimator(self, scene: str, robot: str, method: str, depth_factor: float) -> Estimator:
-        if method == "photometric":
-            data, config = self._images(scene, robot), self.plan.acquisition(scene, robot)
-            with one_blas_thread():
-                return make_photometric(scene, data, config, depth_factor)
-        made = self._made.setdefault((scene, robot), {})
-        if method not in made:
-            data = self._images(scene, robot)
-            with self.progress(f"{scene}, {robot}, training {method}", None) as advance:
-                made[method] = TRAINERS[method](
-                    data, seed=self.plan.seed, n_jobs=self.n_jobs, on_progress=advance
-                )
-        return made[method]
-
-    def _images(self, scene: str, robot: str) -> PoseImageSet:
-        config = self.plan.acquisition(scene, robot)
-        path = self.folder.path / "dataset" / f"{scene}_{robot}"
-        path.parent.mkdir(exist_ok=True)
-
-        def take() -> None:
-            with self.progress(f"{scene}, {robot}, images", config.total()) as advance:
-                acquire(path, config, n_jobs=self.n_jobs, on_progress=advance)
-
-        self.folder.run_stage(
-            f"images_{scene}_{robot}",
-            config.plan(),
-            take,
-            [f"dataset/{path.name}/{part}" for part in ("meta.json", "images.zarr")],
-        )
-        return PoseImageSet.load(path)
-
     def _read_trials(self, scene: str, condition: str) -> dict[str, list[Trial]]:
-        path = self.folder.path / "trials" / f"{_stage_name(scene, condition)}.json"
+        path = self.folder.path / _trials_file(scene, condition)
         try:
             values = read_json(path, RunFolderError)
             return {method: [Trial(**v) for v in values[method]] for method in values}
@@ -205,8 +155,8 @@ class Scoreboard:
         }
 
 
-def _stage_name(scene: str, condition: str) -> str:
-    return f"{scene}_{condition}"
+def _trials_file(scene: str, condition: str) -> Path:
+    return Path("trials") / f"{scene}_{condition}.json"
 
 
 def _run_block(

@@ -34,13 +34,13 @@ def summarise(trials: Sequence[Trial]) -> dict[str, Any]:
     return {
         "success": len(succeeded),
         "trials": len(trials),
-        "moves_median": _median(succeeded),
-        "moves_to_success_median": _median(arrived),
-        "final_mm_median": _median(final_mm),
-        "final_deg_median": _median([trial.end_deg for trial in trials]),
+        "moves_median": median(succeeded),
+        "moves_to_success_median": median(arrived),
+        "final_mm_median": median(final_mm),
+        "final_deg_median": median([trial.end_deg for trial in trials]),
         "final_mm_p95": round(float(np.percentile(final_mm, 95)), 4),
-        "start_mm_median": _median([trial.start_mm for trial in trials]),
-        "decision_ms_median": _median([ms for trial in trials for ms in trial.decisions_ms]),
+        "start_mm_median": median([trial.start_mm for trial in trials]),
+        "decision_ms_median": median([ms for trial in trials for ms in trial.decisions_ms]),
         "status_counts": {status: counts[status] for status in STATUSES if counts[status]},
         "predicted": _compare_prediction(trials),
     }
@@ -69,5 +69,6 @@ def _compare_prediction(trials: Sequence[Trial]) -> dict[str, float] | None:
     }
 
 
-def _median(values: Sequence[float]) -> float | None:
+def median(values: Sequence[float]) -> float | None:
+    """The median, or None of nothing."""
     return round(float(np.median(values)), 4) if values else None

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
+from servoscope.scoreboard.summary import median
 from servoscope.scoreboard.trial import Trial
 
 Trials = Mapping[str, Mapping[str, Sequence[Trial]]]
@@ -75,21 +76,26 @@ def _at_least(scene: str, condition: str, share: float, ours: Sequence[Trial]) -
     return Target(scene, condition, "share that succeeded", f">= {share:g}", got, got >= share)
 
 
-def _at_full_range(scene: str, trials: Mapping[str, Sequence[Trial]]) -> Iterator[Target]:
+def _at_full_range(scene: str, trials: Mapping[str, Sequence[Trial]]) -> list[Target]:
     ours, theirs = trials["ours"], trials["photometric"]
-    condition = "range_1.0"
-    moves = [trial.moves for trial in ours if trial.succeeded]
-    got = float(np.median(moves)) if moves else None
-    reached = got is not None and got <= MOST_MOVES
-    yield Target(scene, condition, "median moves", f"<= {MOST_MOVES}", got, reached)
     common = min(len(ours), len(theirs))
-    end, bound = (
-        round(float(np.median([t.end_mm for t in c[:common]])), 4) for c in (ours, theirs)
-    )
-    what = f"median end [mm], the {common} starts of the baseline"
-    yield Target(scene, condition, what, f"<= {bound:g}", end, end <= bound)
-    ms = round(float(np.median([ms for trial in ours for ms in trial.decisions_ms])), 3)
-    yield Target(scene, condition, "median decision [ms]", f"<= {MOST_MS:g}", ms, ms <= MOST_MS)
+    bound = median([trial.end_mm for trial in theirs[:common]])
+    measured: list[tuple[str, float | None, list[float]]] = [
+        ("median moves", MOST_MOVES, [trial.moves for trial in ours if trial.succeeded]),
+        (
+            f"median end [mm], the {common} starts of the baseline",
+            bound,
+            [trial.end_mm for trial in ours[:common]],
+        ),
+        ("median decision [ms]", MOST_MS, [ms for trial in ours for ms in trial.decisions_ms]),
+    ]
+    return [_at_most(scene, what, most, median(values)) for what, most, values in measured]
+
+
+def _at_most(scene: str, what: str, most: float | None, got: float | None) -> Target:
+    reached = most is not None and got is not None and got <= most
+    wanted = "-" if most is None else f"<= {most:g}"
+    return Target(scene, "range_1.0", what, wanted, got, reached)
 
 
 def _no_escape(scene: str, trials: Trials) -> Target:

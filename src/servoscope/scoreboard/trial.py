@@ -30,8 +30,8 @@ class Trial:
 
     Parameters
     ----------
-    status : str
-        Of the loop.
+    status, message : str
+        How the loop ended, and why.
     moves : int
         That the robot completed.
     path_mm, path_deg : list of float
@@ -44,6 +44,7 @@ class Trial:
     """
 
     status: str
+    message: str
     moves: int
     path_mm: list[float]
     path_deg: list[float]
@@ -98,9 +99,9 @@ def run_start(
     with one_blas_thread():
         try:
             robot = robot_at_start(scene, condition, image_size, seed, start)
-        except RobotFaultError:
+        except RobotFaultError as fault:
             T_world_cam = start_pose(seed, start, CONDITIONS[condition].factor)
-            return _never_started(T_world_cam, reference.true_pose)
+            return _never_started(str(fault), T_world_cam, reference.true_pose)
         return run_trial(robot, reference, estimator, settings)
 
 
@@ -134,6 +135,7 @@ def run_trial(
     )[0]
     return Trial(
         status=result.status,
+        message=result.message,
         moves=result.moves,
         path_mm=_rounded(1e3 * distance),
         path_deg=_rounded(np.degrees(angle)),
@@ -144,11 +146,11 @@ def run_trial(
     )
 
 
-def _never_started(T_world_cam: Array, T_world_ref: Array) -> Trial:
+def _never_started(message: str, T_world_cam: Array, T_world_ref: Array) -> Trial:
     distance, angle = pose_error(T_world_ref, T_world_cam[None])
     unknown = plain(np.full(6, np.nan))
     path_mm, path_deg = _rounded(1e3 * distance), _rounded(np.degrees(angle))
-    return Trial("robot_fault", 0, path_mm, path_deg, [], unknown, unknown, unknown)
+    return Trial("robot_fault", message, 0, path_mm, path_deg, [], unknown, unknown, unknown)
 
 
 def _decisions_ms(result: PositioningResult) -> list[float]:
