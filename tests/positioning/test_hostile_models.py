@@ -8,7 +8,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from model_samples import CONTENT, HEADER, assert_refused
+from model_samples import CONTENT, HEADER, assert_as_written, assert_refused
 from servoscope.errors import ModelError
 from servoscope.positioning import model_arrays, model_folder
 from servoscope.positioning.model_folder import ARRAYS, MODEL, is_model, read_model, write_model
