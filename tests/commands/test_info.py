@@ -10,7 +10,7 @@ from servoscope.positioning.model_folder import write_model
 
 HEADER = {
     "trained_on": {"images": 1800, "part": "cylinder_head", "note": "evil\x1b[2J\nnote"},
-    "image_size": 256,
+    "image_size": [240, 320],
     "reach": [0.025, 0.025, 0.025, *np.radians([15.0, 15.0, 15.0])],
     "pivot": 0.55,
     "levels": [{"blur": 4.0, "pixels": 64}, {"blur": 1.0, "pixels": 256}],
@@ -35,6 +35,7 @@ def test_a_model_is_described_in_millimetres_and_degrees(tmp_path, capsys):
         "ry": "15 deg",
         "rz": "15 deg",
     }
+    assert facts["size_px"] == [320, 240]
     assert facts["pivot_mm"] == 550.0
     assert facts["size_mb"] == 1.0
     assert facts["version"] == 1
@@ -54,7 +55,8 @@ def test_a_terminal_sees_every_fact_and_no_control_codes(tmp_path, capsys):
 
 @pytest.mark.parametrize("reach", [None, 3, [1.0], ["x"] * 6, [10**400] * 6, {"tx": 1}])
 def test_what_a_header_does_not_tell_is_left_out(tmp_path, capsys, reach):
-    write_model(tmp_path / "model", {"reach": reach, "pivot": "far"}, {})
+    header = {"reach": reach, "pivot": "far", "image_size": [reach]}
+    write_model(tmp_path / "model", header, {})
     facts = facts_of(tmp_path / "model", capsys)
     assert facts.keys() == {"model", "arrays", "size_mb", "version", "written_by"}
 

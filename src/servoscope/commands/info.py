@@ -108,7 +108,7 @@ def describe_model(folder: Path) -> dict[str, Any]:
     facts = {
         "model": str(folder),
         "trained_on": header.get("trained_on"),
-        "image_size_px": header.get("image_size"),
+        "size_px": _width_and_height(header.get("image_size")),
         "ranges": _ranges(header.get("reach")),
         "pivot_mm": _millimetres(header.get("pivot")),
         "levels": header.get("levels"),
@@ -119,6 +119,15 @@ def describe_model(folder: Path) -> dict[str, Any]:
         "written_by": f"servoscope {servoscope}",
     }
     return {name: value for name, value in facts.items() if value is not None}
+
+
+def _width_and_height(image_size: Any) -> list[int] | None:
+    """Of the side of a square image, or of its height and width."""
+    if _is_number(image_size):
+        return [image_size, image_size]
+    if isinstance(image_size, list) and len(image_size) == 2 and all(map(_is_number, image_size)):
+        return image_size[::-1]
+    return None
 
 
 def _ranges(reach: Any) -> dict[str, str] | None:
