@@ -21,6 +21,7 @@ LEAST_SCALE = 0.3
 
 _BLOCKS = 16
 _DAMPING = 1e-6
+_LEAST_SLOPE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,11 +155,15 @@ def _tukey(residuals: Floats) -> Floats:
 def _covariance(
     columns: Floats, residuals: Floats, weights: Floats, shape: tuple[int, int]
 ) -> Array:
-    """Covariance of p by the sandwich formula, with residuals correlated inside blocks."""
+    """Covariance of p by the sandwich formula, with residuals correlated inside blocks.
+
+    The slope of Tukey's psi is ``5 w - 4 sqrt(w)``: the biweight holds less than its weights say.
+    """
     scores = (columns * (weights * residuals)).reshape(len(columns), *shape)
-    rows, columns_of = (np.linspace(0, n, _BLOCKS + 1).astype(int)[:-1] for n in shape)
+    rows, columns_of = (np.arange(min(n, _BLOCKS)) * n // min(n, _BLOCKS) for n in shape)
     sums = np.add.reduceat(np.add.reduceat(scores, rows, axis=1), columns_of, axis=2)
     sums = sums.reshape(len(columns), -1).astype(float)
-    hessian = ((columns * weights) @ columns.T).astype(float)
+    slope = float(np.mean(5 * weights - 4 * np.sqrt(weights)) / np.mean(weights))
+    hessian = max(slope, _LEAST_SLOPE) * ((columns * weights) @ columns.T).astype(float)
     bread = np.linalg.pinv(hessian, rcond=1e-12, hermitian=True)
     return (bread @ (sums @ sums.T) @ bread)[:6, :6]

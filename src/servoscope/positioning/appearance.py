@@ -42,7 +42,7 @@ class Appearance:
             )
 
     def shape(self, image_shape: tuple[int, int]) -> tuple[int, int]:
-        """Height and width of prepared images: pixels about as wide as the blur."""
+        """Height and width of prepared images: pixels about as wide as the blur, or twice that."""
         height, width = image_shape
         columns = int(min(width, max(24, 1 / self.blur), max(24, width // 2)))
         return max(1, round(columns * height / width)), columns
@@ -68,7 +68,7 @@ def _smoothed(image: NDArray, sigma: float, shape: tuple[int, int]) -> Floats:
     while sigma >= 3 * factor and image.shape[1] >= 4 * factor * shape[1]:
         factor *= 2
     if factor > 1:
-        size = (image.shape[1] // factor, image.shape[0] // factor)
+        size = (image.shape[1] // factor, max(image.shape[0] // factor, 1))
         image = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     left = np.sqrt(max(sigma**2 - (factor**2 - 1) / 12, 0.01)) / factor
     smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), left)
