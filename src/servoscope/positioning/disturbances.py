@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,25 +17,8 @@ _LIGHT_KNOTS = 3
 _ASPECTS = (0.4, 2.5)
 
 
-class Strength(NamedTuple):
-    """How strong a disturbance is: evenly drawn, and not always there.
-
-    Parameters
-    ----------
-    low, high : float
-    probability : float
-        0 to 1.
-    """
-
-    low: float
-    high: float
-    probability: float = 1.0
-
-    def draw(self, rng: np.random.Generator) -> float | None:
-        """A strength, or None where the disturbance is not there."""
-        if rng.random() >= self.probability:
-            return None
-        return float(rng.uniform(self.low, self.high))
+Strength = tuple[float, float, float]
+"""How strong a disturbance is, evenly drawn between two bounds, and how probable it is."""
 
 
 @dataclass(frozen=True)
@@ -76,18 +58,18 @@ class Disturbances:
     True
     """
 
-    defocus: Strength | None = Strength(0.3, 2.5, 0.5)
-    light: Strength | None = Strength(0.0, 0.3, 0.9)
-    gain: Strength | None = Strength(0.6, 1.3, 0.9)
-    offset: Strength | None = Strength(-10.0, 10.0, 0.9)
-    covering: Strength | None = Strength(0.0, 0.25, 0.7)
-    noise: Strength | None = Strength(0.0, 14.0, 0.5)
+    defocus: Strength | None = (0.3, 2.5, 0.5)
+    light: Strength | None = (0.0, 0.3, 0.9)
+    gain: Strength | None = (0.6, 1.3, 0.9)
+    offset: Strength | None = (-10.0, 10.0, 0.9)
+    covering: Strength | None = (0.0, 0.25, 0.7)
+    noise: Strength | None = (0.0, 14.0, 0.5)
 
     def __post_init__(self) -> None:
         for field in fields(self):
             strength = getattr(self, field.name)
             if strength is not None:
-                _check(field.name, Strength(*strength))
+                _check(field.name, *strength)
 
     @classmethod
     def only(cls, **strengths: float) -> Disturbances:
@@ -98,7 +80,7 @@ class Disturbances:
             raise InvalidInputError(
                 f"Disturbances are {', '.join(absent)}, got {', '.join(sorted(unknown))}."
             )
-        return cls(**absent | {name: Strength(at, at) for name, at in strengths.items()})
+        return cls(**absent | {name: (at, at, 1.0) for name, at in strengths.items()})
 
     def disturb(self, image: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
         """The image with disturbances drawn from `rng`.
@@ -114,13 +96,10 @@ class Disturbances:
         ndarray of shape (height, width), uint8
         """
         grey = image.astype(np.float32)
-        strength = {
-            field.name: None if (drawn := getattr(self, field.name)) is None else drawn.draw(rng)
-            for field in fields(self)
-        }
+        strength = {field.name: _draw(getattr(self, field.name), rng) for field in fields(self)}
         if strength["defocus"]:
             sigma = strength["defocus"] * image.shape[1] / DEFOCUS_WIDTH
-            grey = cv2.GaussianBlur(grey, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+            cv2.GaussianBlur(grey, (0, 0), sigma, dst=grey, borderType=cv2.BORDER_REPLICATE)
         if strength["light"]:
             grey *= _light_field(grey.shape, strength["light"], rng)
         if strength["gain"] is not None:
@@ -134,14 +113,21 @@ class Disturbances:
         return np.rint(grey.clip(0, 255)).astype(np.uint8)
 
 
-def _check(name: str, strength: Strength) -> None:
+def _check(name: str, low: float, high: float, probability: float) -> None:
     least = -255.0 if name == "offset" else 0.0
     most = {"covering": 1.0, "light": 2.0, "gain": 100.0}.get(name, 255.0)
-    if not least <= strength.low <= strength.high <= most or not 0 <= strength.probability <= 1:
+    if not least <= low <= high <= most or not 0 <= probability <= 1:
         raise InvalidInputError(
             f"The strength of {name} must be from {least:g} to {most:g}, the lower bound first, "
-            f"and its probability from 0 to 1, got {tuple(strength)}."
+            f"and its probability from 0 to 1, got {(low, high, probability)}."
         )
+
+
+def _draw(strength: Strength | None, rng: np.random.Generator) -> float | None:
+    """A strength between the bounds, or None where the disturbance is not there."""
+    if strength is None or rng.random() >= strength[2]:
+        return None
+    return float(rng.uniform(*strength[:2]))
 
 
 def _light_field(
