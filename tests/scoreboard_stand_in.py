@@ -1,7 +1,5 @@
 """Methods that learn nothing, but answer at once, in the place of those that learn."""
 
-from pathlib import Path
-
 import numpy as np
 
 from servoscope.acquisition import AcquisitionConfig
@@ -9,7 +7,8 @@ from servoscope.dataset import PoseImageSet
 from servoscope.poses import displacements_from_poses, inverse_transform
 from servoscope.positioning.interfaces import Estimate
 from servoscope.robots.registry import SimulatedRobot
-from servoscope.scoreboard.methods import Learner, make_photometric
+from servoscope.scoreboard.learners import Learner
+from servoscope.scoreboard.methods import make_photometric
 
 
 class Nearest:
@@ -25,9 +24,6 @@ class Nearest:
         differences = self.data.images.astype(np.float32) - image
         nearest = int(np.argmin((differences**2).sum(axis=(1, 2))))
         return Estimate(self.displacements[nearest], 0.1 * self.reach, 0.0, "nearest")
-
-    def save(self, folder: Path, *, force: bool = False) -> None:
-        self.data.save(folder)
 
 
 class FullStep(Nearest):
@@ -46,7 +42,11 @@ class FullStep(Nearest):
 
 def learner(method: type[Nearest]) -> Learner:
     """How a stand-in is trained and read."""
-    return Learner(lambda data, **_: method(data), lambda folder: method(PoseImageSet.load(folder)))
+    return Learner(
+        lambda data, **_: method(data),
+        lambda model, path: model.data.save(path),
+        lambda path: method(PoseImageSet.load(path)),
+    )
 
 
 class Oracle:

@@ -70,10 +70,7 @@ def _print_scoreboard(scoreboard: dict[str, Any], page: Path) -> None:
         for column in COLUMNS:
             table.add_column(column)
         for row in table_rows(scoreboard, scene):
-            ours, *others = row.cells
-            table.add_row(
-                row.condition, "\n".join([ours, *map("missed: {}".format, row.missed)]), *others
-            )
+            table.add_row(*row)
         out.print(table)
     out.print(LEGEND)
     for target in scoreboard["targets"]:

@@ -10,7 +10,6 @@ import numpy as np
 from servoscope.robots.free_camera import Repeatability
 from servoscope.scene.covering import Covering
 from servoscope.scene.part import CylinderHead
-from servoscope.scene.parts import make_part
 from servoscope.scene.scene import Scene
 from servoscope.scene.sensor import Sensor
 
@@ -80,7 +79,7 @@ def _light_moved(scene: Scene, number: int) -> Scene:
 
 def _other_casting(scene: Scene, number: int) -> Scene:
     if isinstance(scene.part, CylinderHead):
-        return replace(scene, part=make_part("cylinder_head", variant=1))
+        return replace(scene, part=replace(scene.part, variant=scene.part.variant + 1))
     return replace(scene, part=replace(scene.part, repainted=REPAINTED))
 
 

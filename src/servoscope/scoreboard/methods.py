@@ -1,11 +1,12 @@
-"""The methods that are compared, and the settings that each has in the one loop."""
+"""The methods that are compared: those that learn, and photometric servoing.
+
+Each has its own settings in the one loop.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, Protocol
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,66 +19,13 @@ from servoscope.positioning.photometric import PhotometricEstimate, PhotometricS
 from servoscope.robots.free_camera import Repeatability
 from servoscope.scene.depth import render_depth
 from servoscope.scoreboard.cell import robot_at_reference
+from servoscope.scoreboard.learners import LEARNERS
 
 Array = NDArray[np.float64]
-METHODS = ("ours", "networks", "photometric")
+METHODS = (*LEARNERS, "photometric")
 
 MOST_MOVES = 12
 MOST_MOVES_PHOTOMETRIC = 200
-
-
-class Model(Estimator, Protocol):
-    """An estimator that can be kept."""
-
-    def save(self, folder: Path, *, force: bool = False) -> None:
-        """Write it to a folder of its own."""
-
-
-@dataclass(frozen=True)
-class Learner:
-    """A method that learns from images.
-
-    Parameters
-    ----------
-    train : callable
-        Makes a `Model` of a `PoseImageSet`; takes ``seed``, ``n_jobs`` and ``on_progress`` by
-        name.
-    load : callable
-        Reads what the model's ``save`` has written to a folder.
-    """
-
-    train: Callable[..., Model]
-    load: Callable[[Path], Model]
-
-
-def _train_ours(data: PoseImageSet, **options: Any) -> Any:
-    from servoscope.positioning.training import train
-
-    return train(data, **options)
-
-
-def _load_ours(folder: Path) -> Any:
-    from servoscope.positioning.model import PositioningModel
-
-    return PositioningModel.load(folder)
-
-
-def _train_networks(data: PoseImageSet, **options: Any) -> Any:
-    from servoscope.positioning.iterated_networks import IteratedNetworks
-
-    return IteratedNetworks.train(data, **options)
-
-
-def _load_networks(folder: Path) -> Any:
-    from servoscope.positioning.iterated_networks import IteratedNetworks
-
-    return IteratedNetworks.load(folder)
-
-
-LEARNERS = {
-    "ours": Learner(_train_ours, _load_ours),
-    "networks": Learner(_train_networks, _load_networks),
-}
 
 
 class Mounted:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 from servoscope.scoreboard.methods import METHODS
@@ -12,35 +11,19 @@ TITLES = {"cylinder_head": "Cylinder head", "textured_plane": "Textured plane"}
 
 LEGEND = (
     "Each cell: starts that ended under 1 mm and under 0.1 deg, of how many; median moves of "
-    "those; median distance and angle of all ends."
+    "those; median distance and angle of all ends. (missed): a target of ours is not reached."
 )
 
 
-@dataclass(frozen=True)
-class Row:
-    """A line of the table of one scene.
-
-    Parameters
-    ----------
-    condition : str
-    cells : tuple of str
-        In the order of `METHODS`.
-    missed : tuple of str
-        The targets of ours that were missed, in words.
-    """
-
-    condition: str
-    cells: tuple[str, ...]
-    missed: tuple[str, ...]
-
-
-def table_rows(scoreboard: dict[str, Any], scene: str) -> list[Row]:
-    """A row for each condition of a scene."""
+def table_rows(scoreboard: dict[str, Any], scene: str) -> list[tuple[str, ...]]:
+    """A row of `COLUMNS` for each condition of a scene, with "(missed)" at targets not reached."""
     return [
-        Row(
+        (
             condition,
-            tuple(_cell(by_method[method]) for method in METHODS),
-            tuple(_missed(scoreboard, scene, condition)),
+            *(
+                _cell(by_method[method]) + _mark(scoreboard, scene, condition) * (method == "ours")
+                for method in METHODS
+            ),
         )
         for condition, by_method in scoreboard["results"][scene].items()
     ]
@@ -51,10 +34,8 @@ def as_markdown(scoreboard: dict[str, Any]) -> str:
     lines = [LEGEND, ""]
     for scene in scoreboard["results"]:
         lines += [f"**{TITLES[scene]}**", "", _line(COLUMNS), _line(["---"] * len(COLUMNS))]
-        for row in table_rows(scoreboard, scene):
-            ours, *others = row.cells
-            marked = ours + (" (missed)" if row.missed else "")
-            lines.append(_line([f"`{row.condition}`", marked, *others]))
+        for condition, *cells in table_rows(scoreboard, scene):
+            lines.append(_line([f"`{condition}`", *cells]))
         lines.append("")
     lines += ["Targets:", "", *(f"- {target_text(target)}" for target in scoreboard["targets"])]
     return "\n".join(lines) + "\n"
@@ -63,17 +44,18 @@ def as_markdown(scoreboard: dict[str, Any]) -> str:
 def target_text(target: dict[str, Any]) -> str:
     """A target and whether it was reached, in a line."""
     said = "reached" if target["reached"] else "MISSED"
-    got = "nothing" if target["got"] is None else f"{target['got']:g}"
+    got = "none" if target["got"] is None else f"{target['got']:g}"
     scene = TITLES[target["scene"]].lower()
-    return f"{said}: {scene}, {target['condition']}: {target['what']} {got}, {target['wanted']}"
+    what = f"{scene}, {target['condition']}, {target['what']}"
+    return f"{said}: {what}: {got}, wanted {target['wanted']}"
 
 
-def _missed(scoreboard: dict[str, Any], scene: str, condition: str) -> list[str]:
-    return [
-        f"{target['what']} {target['wanted']}"
+def _mark(scoreboard: dict[str, Any], scene: str, condition: str) -> str:
+    missed = any(
+        (target["scene"], target["condition"]) == (scene, condition) and not target["reached"]
         for target in scoreboard["targets"]
-        if (target["scene"], target["condition"]) == (scene, condition) and not target["reached"]
-    ]
+    )
+    return " (missed)" if missed else ""
 
 
 def _cell(numbers: dict[str, Any]) -> str:

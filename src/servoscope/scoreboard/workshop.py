@@ -10,7 +10,8 @@ from servoscope.acquisition import AcquisitionConfig, acquire
 from servoscope.dataset import PoseImageSet
 from servoscope.positioning import Estimator
 from servoscope.processes import one_blas_thread
-from servoscope.scoreboard.methods import LEARNERS, make_photometric
+from servoscope.scoreboard.learners import LEARNERS
+from servoscope.scoreboard.methods import make_photometric
 from servoscope.scoreboard.plan import Plan
 from servoscope.scoreboard.stages import ProgressBar, Stages
 
@@ -97,10 +98,8 @@ class Workshop:
             acquire(self._data_set, self._config, n_jobs=self.n_jobs, on_progress=advance)
 
     def _train(self, method: str) -> None:
-        train = LEARNERS[method].train
+        options = {"seed": self.plan.seed, "n_jobs": self.n_jobs}
         with self.progress(f"{self.name}, training {method}", None) as advance:
-            model = train(
-                self._images, seed=self.plan.seed, n_jobs=self.n_jobs, on_progress=advance
-            )
+            model = LEARNERS[method].train(self._images, on_progress=advance, **options)
         self._model(method).parent.mkdir(exist_ok=True)
-        model.save(self._model(method), force=True)
+        LEARNERS[method].save(model, self._model(method))

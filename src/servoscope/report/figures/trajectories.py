@@ -24,6 +24,7 @@ METHOD_STYLES: dict[str, dict[str, Any]] = {
 
 MOST_STARTS = 12
 SUCCESS_MM = 1.0
+LEAST_MM = 0.01
 
 
 def plot_trajectories(paths: Paths, *, title: str = "", ax: Axes | None = None) -> Axes:
@@ -48,6 +49,7 @@ def plot_trajectories(paths: Paths, *, title: str = "", ax: Axes | None = None) 
         every = sorted({int(k) for k in np.geomspace(1, len(median), 6)})
         marks = [k - 1 for k in every]
         ax.plot(looks, median, linewidth=1.6, markersize=4, markevery=marks, label=method, **style)
+    ax.set(xlim=(0.85, 250), ylim=(LEAST_MM, 500))
     ax.axhline(SUCCESS_MM, color=MUTED, linewidth=0.6)
     ax.set_xticks([1, 2, 5, 10, 20, 50, 100, 200], ["1", "2", "5", "10", "20", "50", "100", "200"])
     ax.minorticks_off()
@@ -73,4 +75,4 @@ def _median_path(runs: Sequence[Sequence[float]]) -> NDArray[np.float64]:
 
 def _shown(path: Any) -> NDArray[np.float64]:
     """A path that a logarithmic axis can show."""
-    return np.maximum(path, 1e-3)
+    return np.maximum(path, LEAST_MM)
