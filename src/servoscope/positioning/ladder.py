@@ -31,11 +31,12 @@ HIGHEST_DEGREES = ((0.5, 4), (0.1, 3), (0.0, 2))
 """The highest degree of a level's polynomials, from a radius on: near the reference low ones do."""
 
 _SHELL = 0.7
-_IMAGES_PER_TERM = 2
+_IMAGES_PER_TERM = 4
 _MOST_HELD_OUT = 40
 _SLACK = 2.0
 _GUESS = 0.3
 _NORMAL_MEDIAN = 0.6745
+_NOISE = 3.0
 
 
 class HeldOut(NamedTuple):
@@ -82,15 +83,17 @@ def plan_rungs(p: Array) -> list[Rung]:
         least = _IMAGES_PER_TERM * len(exponents(2))
         raise DataSetError(
             f"Training needs at least {least} images displaced by {_SHELL:.0%} of the range or "
-            f"more, got {int(np.sum(size > _SHELL))}; take more, for example with --schedule default."
+            f"more, got {int(np.sum(size > _SHELL))}; take more, say with --schedule default."
         )
     return rungs
 
 
 def hold_out(images: Images, p: Array, rng: np.random.Generator) -> tuple[NDArray, HeldOut]:
-    """Which images to learn from, and every tenth of the others."""
-    order = rng.permutation(len(images))
-    held, kept = np.sort(order[: len(images) // 10]), np.sort(order[len(images) // 10 :])
+    """Which images to learn from, and one of every ten that are displaced about as far."""
+    n_held = len(images) // 10
+    tens = np.argsort(np.abs(p).max(axis=1), kind="stable")[: 10 * n_held].reshape(n_held, 10)
+    held = np.sort(tens[np.arange(n_held), rng.integers(10, size=n_held)])
+    kept = np.setdiff1d(np.arange(len(images)), held)
     disturbances = Disturbances()
     disturbed = np.stack([disturbances.disturb(images[i], rng) for i in held])
     return kept, HeldOut(images[held], disturbed, p[held])
@@ -122,11 +125,11 @@ def learn_levels(
         Widest first.
     held_out : HeldOut
     """
+    rungs = plan_rungs(p)
     kept, held_out = hold_out(images, p, rng)
     images, p = images[kept], p[kept]
     levels: list[LearnedInteraction] = []
     widest = 0
-    rungs = plan_rungs(p)
     for rung in rungs:
         candidates = [Appearance(blur) for blur in BLURS[widest : widest + 3]]
         candidates += [Appearance(a.blur, HIGH_PASS * a.blur) for a in candidates]
@@ -134,10 +137,11 @@ def learn_levels(
         if rung is rungs[-1]:
             learned = [level.at_reference(reference_image) for level in learned]
         best = min(learned, key=lambda level: _held_out_error(level, held_out))
-        levels.append(_calibrated(best, levels[-1] if levels else None, held_out))
+        levels.append(_calibrated(best, held_out))
         widest = BLURS.index(best.appearance.blur)
         if on_progress is not None:
             on_progress(len(levels))
+    levels[-1] = _calibrated_by_noise(levels[-1], held_out, rng)
     return levels, held_out
 
 
@@ -153,7 +157,11 @@ def held_out_errors(level: LearnedInteraction, images: Images, p: Array) -> Arra
 
 
 def _near(level: LearnedInteraction, p: Array) -> NDArray[np.intp]:
-    return np.flatnonzero(np.abs(p).max(axis=1) <= level.radius)[:_MOST_HELD_OUT]
+    """Images from within the radius: those that no narrower level would have, if there are any."""
+    size = np.abs(p).max(axis=1)
+    inside = np.flatnonzero(size <= level.radius)
+    own = inside[size[inside] > RATIO * level.radius]
+    return (own if own.size else inside)[:_MOST_HELD_OUT]
 
 
 def _held_out_error(level: LearnedInteraction, held_out: HeldOut) -> float:
@@ -165,27 +173,39 @@ def _held_out_error(level: LearnedInteraction, held_out: HeldOut) -> float:
     return float(np.mean(np.minimum(np.concatenate(errors), 1.0)))
 
 
-def _calibrated(
-    level: LearnedInteraction, wider: LearnedInteraction | None, held_out: HeldOut
-) -> LearnedInteraction:
-    """The level with its standard deviations and its limit of unlikeness set by held-out images.
-
-    Errors on held-out images hold those of the robot, which are not the level's own. What it says
-    differs from what the wider level says only by errors of the two. The lesser counts.
-    """
+def _calibrated(level: LearnedInteraction, held_out: HeldOut) -> LearnedInteraction:
+    """The level with its standard deviations and its limit of unlikeness set by held-out images."""
     near = _near(level, held_out.p)
     alignments = [level.align(held_out.images[i], held_out.p[i]) for i in near]
-    said = np.array([level.displacement(a) for a in alignments]).reshape(-1, 6)
-    std = np.array([level.std(a) for a in alignments]).reshape(-1, 6)
-    others = [held_out.p[near]]
-    if wider is not None:
-        guesses = [wider.align(held_out.images[i], held_out.p[i]) for i in near]
-        others.append(np.array([wider.displacement(a) for a in guesses]).reshape(-1, 6))
-    factors = [np.median(np.abs(said - other) / std) / _NORMAL_MEDIAN for other in others]
+    errors = np.array([level.displacement(a) for a in alignments]).reshape(-1, 6) - held_out.p[near]
     unlike = [a.unlikeness for a in alignments]
     unlike += [level.align(held_out.disturbed[i], held_out.p[i]).unlikeness for i in near]
     return replace(
         level,
-        std_factor=max(float(min(factors)), 1.0),
+        std_factor=_ratio(errors, [level.std(a) for a in alignments]),
         unlikeness_limit=_SLACK * float(np.quantile(unlike, 0.95)),
     )
+
+
+def _calibrated_by_noise(
+    level: LearnedInteraction, held_out: HeldOut, rng: np.random.Generator
+) -> LearnedInteraction:
+    """The narrowest level, its standard deviations set by the scatter that noise alone makes.
+
+    Where it ends its errors vanish with the displacement, all but those of noise; on held-out
+    images they would hold those of the robot too.
+    """
+    scatter, std = [], []
+    for i in _near(level, held_out.p):
+        twins = held_out.images[i] + rng.normal(0.0, _NOISE, (2, *held_out.images[i].shape))
+        one, other = (level.align(twin, held_out.p[i]) for twin in twins)
+        scatter.append((level.displacement(one) - level.displacement(other)) / np.sqrt(2))
+        std.append(level.std(one))
+    return replace(level, std_factor=_ratio(np.array(scatter), std))
+
+
+def _ratio(errors: Array, std: list[Array]) -> float:
+    """How much larger errors are than their standard deviations, as these tell for a factor 1."""
+    if not std:
+        return 1.0
+    return max(float(np.median(np.abs(errors) / np.array(std))) / _NORMAL_MEDIAN, 1.0)
