@@ -119,8 +119,9 @@ def test_arrays_that_do_not_belong_together_are_refused(hardened, change, messag
         PoseNetworks.from_arrays(kept)
 
 
+@pytest.mark.slow
 def test_a_seed_gives_one_result_for_any_number_of_processes(data) -> None:
-    few = slice(0, 120)
+    few = slice(0, 80)
     a, b = (
         PoseNetworks.train(
             data.images[few],

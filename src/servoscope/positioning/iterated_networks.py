@@ -18,8 +18,8 @@ from servoscope.schedule import parse_schedule
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-ENTER, LEAVE = 0.7, 1.3
-"""Shares of a ring within which it is entered, and beyond which it is left."""
+ENTER, LEAVE = 1.0, 1.3
+"""Shares of a ring's range within which it is entered, and beyond which it is left."""
 
 LEAST_IMAGES = 100
 """Images of a ring, below which it has no networks of its own."""
@@ -47,7 +47,7 @@ class IteratedNetworks:
     A larger ring is entered again only when the smaller one is left by far:
 
     >>> from servoscope.positioning.iterated_networks import ENTER, LEAVE
-    >>> ENTER < 1 < LEAVE
+    >>> ENTER < LEAVE
     True
     """
 
@@ -109,8 +109,8 @@ class IteratedNetworks:
         Notes
         -----
         The ring that answered before is asked first, the largest one at the start. A larger ring
-        is asked when a ring is left by more than 30 %, and a smaller one when the answer is within
-        70 % of it, whose own answer counts unless that lies outside.
+        is asked when the answer lies outside by more than 30 %, and a smaller one when it lies
+        within that; the smaller one's answer counts unless it lies outside itself.
         """
         ring = 0 if previous is None else self._names().index(previous.stage)
         delta_p = self.rings[ring].predict(image[None])[0]

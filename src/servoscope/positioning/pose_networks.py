@@ -38,10 +38,10 @@ class PoseNetworks:
     Examples
     --------
     >>> rng = np.random.default_rng(0)
+    >>> images = rng.integers(0, 256, (60, 16, 16), dtype=np.uint8)
     >>> delta_p = rng.uniform(-1, 1, (60, 6))
-    >>> levels = np.arange(64).reshape(8, 8) + 100 * np.abs(delta_p[:, :1, None])
-    >>> networks = PoseNetworks.train(levels.astype(np.uint8), delta_p, np.ones(6), n_jobs=1)
-    >>> networks.predict(levels[:2].astype(np.uint8)).shape
+    >>> networks = PoseNetworks.train(images, delta_p, np.ones(6), n_jobs=1)
+    >>> networks.predict(images[:2]).shape
     (2, 6)
     """
 

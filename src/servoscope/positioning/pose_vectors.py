@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from servoscope.poses import DOFS
+from servoscope.processes import one_blas_thread
 
-N_DIRECTIONS = 300
-"""Leading eigenvectors that the directions are sought among."""
-
-RIDGE = 3e-3
-"""Added to the variance of each, as a share of their mean variance."""
+RIDGE = 1e-2
+"""Added to the variance of every value, as a share of their mean variance."""
 
 PRODUCTS = [(i, j) for i in range(len(DOFS)) for j in range(i, len(DOFS))]
 
@@ -48,13 +47,15 @@ def compute_pose_vectors(
     True
     """
     centred = prepared - prepared.mean(axis=0)
-    variances, axes = np.linalg.eigh((centred.T @ centred).astype(np.float64) / len(centred))
-    variances, axes = variances[-N_DIRECTIONS:], axes[:, -N_DIRECTIONS:]
     products = [delta_p[:, i] * delta_p[:, j] for i, j in PRODUCTS]
-    targets = np.column_stack([delta_p, *products])
-    covariance = (centred.T @ (targets - targets.mean(axis=0)).astype(np.float32)) / len(centred)
-    damped = np.maximum(variances + RIDGE * variances.mean(), 1e-12)
-    return ((axes / damped) @ (axes.T @ covariance)).T.astype(np.float32)
+    targets = np.column_stack([delta_p, *products]).astype(np.float32)
+    with one_blas_thread():
+        scatter = (centred.T @ centred).astype(np.float64)
+        scatter[np.diag_indices_from(scatter)] += max(
+            RIDGE * np.trace(scatter) / len(scatter), 1e-9
+        )
+        covariance = centred.T @ (targets - targets.mean(axis=0))
+        return scipy.linalg.solve(scatter, covariance, assume_a="pos").T.astype(np.float32)
 
 
 def pose_vector_names() -> list[str]:
