@@ -87,7 +87,7 @@ def describe_run(folder: Path) -> dict[str, Any]:
     run = RunFolder(folder, read_settings(folder))
     return {
         "run": str(folder),
-        "finished": (folder / "report.html").exists(),
+        "finished": any((folder / page).exists() for page in ("report.html", "scoreboard.html")),
         "settings": run.settings,
         "timings_s": run.timings(),
     }
