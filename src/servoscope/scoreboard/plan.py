@@ -14,7 +14,7 @@ QUICK_SCHEDULE = parse_schedule("400@1.6,400@1.0,200@0.3,200@0.04")
 
 STARTS, QUICK_STARTS = 100, 10
 
-_BASELINE_STARTS = {"cylinder_head": (30, 10), "textured_plane": (100, 40)}
+_BASELINE_STARTS = {"cylinder_head": (40, 15), "textured_plane": (100, 40)}
 """Trials of the baseline at range 1.0 and elsewhere: an image of the head takes 25 ms, one of the
 plane 2 ms, and each trial a hundred of them."""
 
