@@ -1,7 +1,10 @@
+from .disturbances import Disturbances as Disturbances
 from .interfaces import Camera as Camera
 from .interfaces import Estimate as Estimate
 from .interfaces import Estimator as Estimator
 from .interfaces import Robot as Robot
+from .iterated_networks import IteratedNetworks as IteratedNetworks
 from .look_and_move import Positioner as Positioner
+from .pose_networks import PoseNetworks as PoseNetworks
 from .result import PositioningResult as PositioningResult
 from .settings import LoopSettings as LoopSettings

@@ -116,7 +116,8 @@ class PoseNetworks:
         -------
         dict
             ``features``: those of each dof. ``left_out``: for each feature that did not hold up,
-            the share of its variance over poses that each disturbance changed. ``largest_share``:
+            the share of its variance over poses that each disturbance changed, None for one that
+            poses do not change. ``largest_share``:
             the most that was let in. ``validation_rms``: errors of images kept from training,
             undisturbed and under each single disturbance, [mm] and [deg].
         """
