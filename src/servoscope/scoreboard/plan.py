@@ -18,7 +18,7 @@ _BASELINE_STARTS = {"cylinder_head": (40, 15), "textured_plane": (100, 40)}
 """Trials of the baseline at range 1.0 and elsewhere: an image of the head takes 25 ms, one of the
 plane 2 ms, and each trial a hundred of them."""
 
-_QUICK_BASELINE_STARTS = {"cylinder_head": (4, 4), "textured_plane": (10, 10)}
+_QUICK_BASELINE_STARTS = {"cylinder_head": (3, 3), "textured_plane": (10, 10)}
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Plan:
     Examples
     --------
     >>> Plan(quick=True).n_trials("cylinder_head", "noise_10", "photometric")
-    4
+    3
     """
 
     quick: bool = False
