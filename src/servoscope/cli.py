@@ -71,8 +71,10 @@ def _app() -> SubcommandApp:
     from servoscope.commands.benchmark_positioning import benchmark_positioning
     from servoscope.commands.import_images import import_commands
     from servoscope.commands.info import info
+    from servoscope.commands.position import position
     from servoscope.commands.report import report
     from servoscope.commands.study import study
+    from servoscope.commands.train import train
 
     app, formats, benchmarks = SubcommandApp(), SubcommandApp(), SubcommandApp()
     for name, import_format in import_commands().items():
@@ -81,6 +83,8 @@ def _app() -> SubcommandApp:
     app.command(acquire)
     app.command(assess)
     app.command(formats, name="import", help="Make a data set of your own images and poses.")
+    app.command(train)
+    app.command(position)
     benchmarks.command(name="positioning")(benchmark_positioning)
     app.command(benchmarks, name="benchmark", help="Compare servoscope with what else there is.")
     app.command(report)

@@ -28,8 +28,14 @@ class Ring(NamedTuple):
 
 Schedule = tuple[Ring, ...]
 
-RECOMMENDED: Schedule = (Ring(1000, 1.6), Ring(1000, 1.0), Ring(500, 0.3), Ring(400, 0.04))
-"""Rings for positioning: beyond the range, over it, and two around the reference."""
+RECOMMENDED: Schedule = (
+    Ring(900, 1.6),
+    Ring(800, 1.0),
+    Ring(400, 0.4),
+    Ring(400, 0.12),
+    Ring(400, 0.04),
+)
+"""Rings for positioning: beyond the range, over it, and three around the reference."""
 
 _EXAMPLE = "1000@1.0,400@0.2"
 

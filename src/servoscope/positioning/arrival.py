@@ -30,7 +30,7 @@ def is_noise_only(estimates: Sequence[Estimate], pivot: float, settings: LoopSet
         and last[0].stage == last[1].stage
         and last[1].is_finest
         and all(_is_noise(estimate, pivot, settings) for estimate in last)
-        and _distance(last[1]) > 0.5 * _distance(last[0])
+        and _distance(last[1]) >= 0.5 * _distance(last[0])
     )
 
 

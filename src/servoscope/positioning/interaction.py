@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from servoscope.positioning.alignment import Alignment, ImageModel, align
 from servoscope.positioning.appearance import Appearance
-from servoscope.positioning.polynomials import evaluate_terms, exponents
+from servoscope.positioning.polynomials import HIGHEST_DEGREE, evaluate_terms, exponents
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -90,18 +90,24 @@ class LearnedInteraction:
             If they do not belong together.
         """
         height, width = map(int, description["shape"])
-        powers = exponents(int(description["degree"]))
+        degree = int(description["degree"])
+        if not 1 <= degree <= HIGHEST_DEGREE:
+            raise ValueError(f"a level's degree is {degree}, not 1 to {HIGHEST_DEGREE}")
+        powers = exponents(degree)
         coefficients, precision = arrays["coefficients"], arrays["precision"]
-        if coefficients.shape != (len(powers), height * width) or precision.shape != (
-            height * width,
-        ):
+        fits = coefficients.shape == (len(powers), height * width) == (len(powers), precision.size)
+        if not fits or precision.ndim != 1 or min(height, width) < 1 or (precision <= 0).any():
             raise ValueError(f"a level's arrays do not fit its {height} x {width} pixels")
+        positive = ("radius", "std_factor", "unlikeness_limit")
+        radius, std_factor, unlikeness_limit = (float(description[name]) for name in positive)
+        if not all(0 < number < np.inf for number in (radius, std_factor, unlikeness_limit)):
+            raise ValueError(f"one of a level's {', '.join(positive)} is not above 0")
         return cls(
             Appearance(float(description["blur"]), float(description["high_pass"])),
-            float(description["radius"]),
+            radius,
             ImageModel(powers, coefficients, precision, (height, width)),
-            float(description["std_factor"]),
-            float(description["unlikeness_limit"]),
+            std_factor,
+            unlikeness_limit,
         )
 
     def align(self, image: NDArray, start: Array, **options: float) -> Alignment:
@@ -117,6 +123,10 @@ class LearnedInteraction:
         """Its standard deviation, believed, in shares of the reach, (6,)."""
         spread = np.sqrt(np.maximum(np.diag(alignment.covariance), 0.0))
         return self.radius * self.std_factor * spread
+
+    def is_alike(self, alignment: Alignment) -> bool:
+        """Whether an image resembles the model as images of the part do."""
+        return alignment.unlikeness <= self.unlikeness_limit
 
     def at_reference(self, reference_image: NDArray) -> LearnedInteraction:
         """The level with the reference image itself for what is seen at no displacement."""

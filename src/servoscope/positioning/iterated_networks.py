@@ -123,7 +123,13 @@ class IteratedNetworks:
                 break
             ring, delta_p = ring + 1, nearer
         displacement = poses_from_displacements(np.eye(4), delta_p, self.pivot)
-        return Estimate(displacement, self.rings[ring].validation_rms, np.nan, self._names()[ring])
+        return Estimate(
+            displacement,
+            self.rings[ring].validation_rms,
+            np.nan,
+            stage=self._names()[ring],
+            is_finest=ring + 1 == len(self.rings),
+        )
 
     def _share(self, delta_p: Array, ring: int) -> float:
         """The largest displacement of a dof as a share of a ring's range."""

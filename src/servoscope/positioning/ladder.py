@@ -25,15 +25,15 @@ BLURS = tuple(pixels / 256 for pixels in (24, 16, 12, 8, 5, 3, 2, 1))
 """Blurs that levels may have, [image widths], widest first."""
 
 HIGH_PASS = 4.0
-"""The high-pass of the last level, if it helps, in its blurs."""
+"""The high-pass of a level, if it helps, in its blurs."""
 
 HIGHEST_DEGREES = ((0.5, 4), (0.1, 3), (0.0, 2))
 """The highest degree of a level's polynomials, from a radius on: near the reference low ones do."""
 
 _SHELL = 0.7
-_IMAGES_PER_TERM = 4
+_LEAST_IMAGES = 112
+_IMAGES_PER_TERM = 2
 _MOST_HELD_OUT = 40
-_SLACK = 2.0
 _GUESS = 0.3
 _NORMAL_MEDIAN = 0.6745
 _NOISE = 3.0
@@ -72,20 +72,20 @@ def plan_rungs(p: Array) -> list[Rung]:
     for radius in RATIO ** np.arange(12):
         highest = next(degree for least, degree in HIGHEST_DEGREES if radius >= least)
         n_images = int(np.sum((size > _SHELL * radius) & (size <= MARGIN * radius)))
-        degrees = [
-            degree
-            for degree in range(2, highest + 1)
-            if n_images >= _IMAGES_PER_TERM * len(exponents(degree))
-        ]
+        degrees = [degree for degree in range(2, highest + 1) if n_images >= _images_needed(degree)]
         if degrees:
             rungs.append(Rung(float(radius), degrees[-1]))
     if not rungs or rungs[0].radius < 1:
-        least = _IMAGES_PER_TERM * len(exponents(2))
+        least = _images_needed(2)
         raise DataSetError(
             f"Training needs at least {least} images displaced by {_SHELL:.0%} of the range or "
             f"more, got {int(np.sum(size > _SHELL))}; take more, say with --schedule default."
         )
     return rungs
+
+
+def _images_needed(degree: int) -> int:
+    return max(_LEAST_IMAGES, _IMAGES_PER_TERM * len(exponents(degree)))
 
 
 def hold_out(images: Images, p: Array, rng: np.random.Generator) -> tuple[NDArray, HeldOut]:
@@ -183,7 +183,7 @@ def _calibrated(level: LearnedInteraction, held_out: HeldOut) -> LearnedInteract
     return replace(
         level,
         std_factor=_ratio(errors, [level.std(a) for a in alignments]),
-        unlikeness_limit=_SLACK * float(np.quantile(unlike, 0.95)),
+        unlikeness_limit=_limit(unlike),
     )
 
 
@@ -202,6 +202,11 @@ def _calibrated_by_noise(
         scatter.append((level.displacement(one) - level.displacement(other)) / np.sqrt(2))
         std.append(level.std(one))
     return replace(level, std_factor=_ratio(np.array(scatter), std))
+
+
+def _limit(unlike: list[float]) -> float:
+    """The most unlike an image may be: halfway, in logarithms, to the 1 that tells nothing."""
+    return float(np.sqrt(min(np.quantile(unlike, 0.95), 0.95)))
 
 
 def _ratio(errors: Array, std: list[Array]) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import Any
 
@@ -13,14 +13,18 @@ from numpy.typing import NDArray
 from servoscope.errors import ModelError
 from servoscope.poses import poses_from_displacements
 from servoscope.positioning.alignment import Alignment
-from servoscope.positioning.interaction import LearnedInteraction
+from servoscope.positioning.interaction import MARGIN, LearnedInteraction
 from servoscope.positioning.interfaces import Array, Estimate, Image
 from servoscope.positioning.model_folder import read_model, write_model
+from servoscope.positioning.pose_networks import PoseNetworks
 
 Folder = str | PathLike[str]
 
 _HOLD = 0.8
 """A level that answered before is asked first again, and heard if less than this of its radius."""
+
+_TRUST = 3.0
+"""The widest level is believed as far from the networks as this many of their RMS errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +35,12 @@ class LevelEstimate(Estimate):
     ----------
     level : int
         Its number, 0 for the widest.
+    p : ndarray of shape (6,)
+        The displacement about the pivot in shares of the reach.
     """
 
     level: int = 0
+    p: Array = field(default_factory=lambda: np.zeros(6))
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +49,8 @@ class PositioningModel:
 
     Parameters
     ----------
+    networks : PoseNetworks
+        That make the first guess.
     levels : sequence of LearnedInteraction
         Widest first.
     reference_image : ndarray of shape (height, width), uint8
@@ -55,6 +64,7 @@ class PositioningModel:
         What training found on images that it held out, as plain JSON values.
     """
 
+    networks: PoseNetworks
     levels: Sequence[LearnedInteraction]
     reference_image: Image
     pivot: float
@@ -72,8 +82,8 @@ class PositioningModel:
         """Where an image was taken.
 
         The level that answered for the image before is asked first. Where it is not content, the
-        widest begins. Each answer is the first guess of the next narrower level, until it lies
-        beyond that level's radius.
+        networks make a first guess and the widest level betters it. Each answer is the first
+        guess of the next narrower level, until it lies beyond that level's radius.
 
         Parameters
         ----------
@@ -85,13 +95,57 @@ class PositioningModel:
         -------
         LevelEstimate
         """
-        last = len(self.levels) - 1
-        if isinstance(previous, LevelEstimate) and previous.level > 0:
-            level = self.levels[min(previous.level, last)]
+        if isinstance(previous, LevelEstimate) and 0 < previous.level < len(self.levels):
+            level = self.levels[previous.level]
             alignment = level.align(image, np.zeros(6))
-            if np.abs(alignment.p).max() < _HOLD and _is_alike(level, alignment):
-                return self._narrowed(image, previous.level, alignment)
-        return self._narrowed(image, 0, self._widest(image))
+            if np.abs(alignment.p).max() < _HOLD and level.is_alike(alignment):
+                return self._narrowed(image, self._answer(previous.level, alignment))
+        return self._narrowed(image, self._first_answer(image))
+
+    def _first_answer(self, image: Image) -> LevelEstimate:
+        """The widest level's answer, or the networks' if that is far from theirs."""
+        guess = np.clip(self.networks.predict(image[None])[0] / self.reach, -1.0, 1.0)
+        doubt = self.networks.doubt / self.reach
+        level = self.levels[0]
+        alignment = level.align(image, guess)
+        answer = self._answer(0, alignment)
+        if (np.abs(level.displacement(alignment) - guess) <= _TRUST * doubt).all():
+            return answer
+        return replace(
+            answer,
+            displacement=self._displacement(guess),
+            std=self.networks.doubt,
+            stage="networks",
+            p=guess,
+        )
+
+    def _narrowed(self, image: Image, answer: LevelEstimate) -> LevelEstimate:
+        """The answer of the narrowest level that an answer leads to."""
+        for number in range(answer.level + 1, len(self.levels)):
+            level = self.levels[number]
+            if np.abs(answer.p).max() > level.radius:
+                break
+            alignment = level.align(image, answer.p)
+            if np.abs(alignment.p).max() > MARGIN or not level.is_alike(alignment):
+                break
+            answer = self._answer(number, alignment)
+        return answer
+
+    def _answer(self, number: int, alignment: Alignment) -> LevelEstimate:
+        level = self.levels[number]
+        p = level.displacement(alignment)
+        return LevelEstimate(
+            displacement=self._displacement(p),
+            std=level.std(alignment) * self.reach,
+            novelty=alignment.unlikeness / level.unlikeness_limit,
+            stage=f"level {number + 1} of {len(self.levels)}",
+            is_finest=number == len(self.levels) - 1,
+            level=number,
+            p=p,
+        )
+
+    def _displacement(self, p: Array) -> Array:
+        return poses_from_displacements(np.eye(4), p * self.reach, self.pivot)
 
     def save(self, folder: Folder, *, force: bool = False) -> None:
         """Write the model to a folder of its own, whole or not at all.
@@ -110,7 +164,9 @@ class PositioningModel:
             "trained_on": self.trained_on,
             "accuracy": self.accuracy,
         }
-        arrays = {"reference_image": self.reference_image}
+        texts, arrays = _apart(self.networks.to_arrays())
+        header["networks"] = texts
+        arrays["reference_image"] = self.reference_image
         for k, level in enumerate(self.levels):
             arrays |= {f"level{k}/{name}": array for name, array in level.to_arrays().items()}
         write_model(folder, header, arrays, force=force)
@@ -130,7 +186,9 @@ class PositioningModel:
                 LearnedInteraction.restore(description, _within(arrays, f"level{k}/"))
                 for k, description in enumerate(header["levels"])
             ]
+            texts = {name: np.array(text) for name, text in header["networks"].items()}
             model = cls(
+                PoseNetworks.from_arrays(_within(arrays, "networks/") | texts),
                 levels,
                 arrays["reference_image"],
                 float(header["pivot"]),
@@ -139,35 +197,18 @@ class PositioningModel:
                 dict(header["accuracy"]),
             )
             _check(model, header)
-        except (KeyError, TypeError, ValueError) as error:
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            reason = " ".join(str(error).split())[:300]
             raise ModelError(
-                f"{folder} is not a model for positioning ({error}); train it again."
+                f"{folder} is not a model for positioning ({reason}); train it again."
             ) from error
         return model
 
-    def _widest(self, image: Image) -> Alignment:
-        return self.levels[0].align(image, np.zeros(6))
 
-    def _narrowed(self, image: Image, start: int, alignment: Alignment) -> LevelEstimate:
-        """The answer of the narrowest level that it leads to."""
-        number, level = start, self.levels[start]
-        for narrower in self.levels[start + 1 :]:
-            p = level.displacement(alignment)
-            if np.abs(p).max() > narrower.radius:
-                break
-            closer = narrower.align(image, p)
-            if np.abs(closer.p).max() > 1.25 or not _is_alike(narrower, closer):
-                break
-            number, level, alignment = number + 1, narrower, closer
-        delta_p = level.displacement(alignment) * self.reach
-        return LevelEstimate(
-            displacement=poses_from_displacements(np.eye(4), delta_p[None], self.pivot)[0],
-            std=level.std(alignment) * self.reach,
-            novelty=alignment.unlikeness / level.unlikeness_limit,
-            stage=f"level {number + 1} of {len(self.levels)}",
-            is_finest=number == len(self.levels) - 1,
-            level=number,
-        )
+def _apart(arrays: Mapping[str, NDArray]) -> tuple[dict[str, Any], dict[str, NDArray]]:
+    """Arrays of text as plain values, and those of numbers."""
+    texts = {name: array.tolist() for name, array in arrays.items() if array.dtype.kind in "UO"}
+    return texts, {f"networks/{n}": array for n, array in arrays.items() if n not in texts}
 
 
 def _within(arrays: Mapping[str, NDArray], prefix: str) -> dict[str, NDArray]:
@@ -177,13 +218,13 @@ def _within(arrays: Mapping[str, NDArray], prefix: str) -> dict[str, NDArray]:
 def _check(model: PositioningModel, header: Mapping[str, Any]) -> None:
     """Raise ValueError if the parts of a model do not belong together."""
     image, reach = model.reference_image, model.reach
-    if image.dtype != np.uint8 or list(image.shape) != list(header["image_size"]):
+    is_grey = image.dtype == np.uint8 and image.ndim == 2
+    if not is_grey or list(image.shape) != list(header["image_size"]):
         raise ValueError("its reference image is not of its image size")
     if reach.shape != (6,) or not (np.isfinite(reach) & (reach > 0)).all():
         raise ValueError("its reach is not six positive numbers")
     if not model.levels or not np.isfinite(model.pivot):
         raise ValueError("it has no levels, or no pivot")
-
-
-def _is_alike(level: LearnedInteraction, alignment: Alignment) -> bool:
-    return alignment.unlikeness <= level.unlikeness_limit
+    shapes = [level.appearance.shape(model.image_shape) for level in model.levels]
+    if shapes != [level.model.shape for level in model.levels]:
+        raise ValueError("its levels are not of its image size")

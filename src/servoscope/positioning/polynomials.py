@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+HIGHEST_DEGREE = 4
+"""The highest degree that a level may have: terms grow with its sixth power."""
+
 
 @lru_cache(maxsize=8)
 def exponents(degree: int) -> NDArray[np.int64]:

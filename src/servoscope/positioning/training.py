@@ -3,21 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servoscope.dataset import PoseImageSet
 from servoscope.errors import DataSetError
-from servoscope.positioning.ladder import learn_levels
+from servoscope.poses import DISPLAY_FACTORS, DOFS, displacements_from_poses
+from servoscope.positioning.disturbances import Disturbances
+from servoscope.positioning.ladder import HeldOut, learn_levels
 from servoscope.positioning.model import PositioningModel
+from servoscope.positioning.pose_networks import PoseNetworks
 from servoscope.processes import one_blas_thread
+
+Array = NDArray[np.float64]
+
+N_STAGES = 3
+"""Stages of training that progress is told of: networks, levels, and what they reach."""
+
+_OUTER = 0.3
+_MOST_CHECKED = 40
 
 
 def train(
     data: PoseImageSet,
     *,
     seed: int = 0,
-    n_jobs: int = -1,
+    n_jobs: int | None = -1,
     on_progress: Callable[[int], object] | None = None,
 ) -> PositioningModel:
     """Learn to tell where images were taken.
@@ -28,9 +41,11 @@ def train(
         Best taken in rings around the reference, see ``servoscope acquire --schedule``. Its poses
         may be the flange's: where the camera sits need not be known.
     seed : int
-        Draws what is held out, and the disturbances.
-    n_jobs : int
+        Draws the nets' starts, what is held out, and the disturbances.
+    n_jobs : int, optional
+        Processes, as joblib counts them; the model does not depend on it.
     on_progress : callable, optional
+        Called with the number of stages, of `N_STAGES`, that are finished.
 
     Returns
     -------
@@ -46,8 +61,53 @@ def train(
             "Training for positioning needs images displaced along and about every axis, but "
             "some dofs never move in this data set; take images with all six displaced."
         )
-    reach = data.ranges()
+    tell = on_progress or (lambda _: None)
+    reach, delta_p = data.ranges(), data.delta_p()
+    p = delta_p / reach
     rng = np.random.default_rng([seed, len(data)])
     with one_blas_thread():
-        levels, _ = learn_levels(data.images, data.delta_p() / reach, data.reference_image, rng)
-    return PositioningModel(levels, data.reference_image, data.pivot, reach, dict(data.source))
+        levels, held_out = learn_levels(data.images, p, data.reference_image, rng)
+        tell(1)
+        outer = np.abs(p).max(axis=1) > _OUTER
+        networks = PoseNetworks.train(
+            data.images[outer],
+            delta_p[outer],
+            reach,
+            disturbances=Disturbances(),
+            seed=seed,
+            n_jobs=n_jobs,
+        )
+        tell(2)
+        model = PositioningModel(
+            networks, levels, data.reference_image, data.pivot, reach, dict(data.source)
+        )
+        model.accuracy.update(_measure(model, held_out))
+    tell(3)
+    return model
+
+
+def _measure(model: PositioningModel, held_out: HeldOut) -> dict[str, Any]:
+    """Median absolute error of one look, in mm and degrees, by how far away the camera is."""
+    size = np.abs(held_out.p).max(axis=1)
+    rings = []
+    for level in model.levels:
+        near = np.flatnonzero((size <= level.radius) & (size > level.radius / 2))[:_MOST_CHECKED]
+        if not near.size:
+            continue
+        ring: dict[str, Any] = {
+            "mm": 1e3 * level.radius * float(model.reach[:3].max()),
+            "deg": float(np.degrees(level.radius * model.reach[3:].max())),
+            "n_images": int(near.size),
+        }
+        for kind, images in (("clean", held_out.images), ("disturbed", held_out.disturbed)):
+            errors = _errors(model, images[near], held_out.p[near])
+            ring[kind] = dict(zip(DOFS, np.median(errors, axis=0).tolist(), strict=True))
+        rings.append(ring)
+    return {"rings": rings, "networks": model.networks.report()}
+
+
+def _errors(model: PositioningModel, images: NDArray[np.uint8], p: Array) -> Array:
+    """Absolute errors of first looks, (n, 6), [mm] and [deg]."""
+    said = np.stack([model.estimate(image).displacement for image in images])
+    delta_p = displacements_from_poses(np.eye(4), said, model.pivot)
+    return np.abs(delta_p - p * model.reach) * DISPLAY_FACTORS

@@ -1,7 +1,7 @@
 """The simulated robots, by name.
 
-A further robot needs one line in `ROBOTS`. It has to be what `SimulatedRobot` says, stand at its
-reference when it is made, and raise `RobotFaultError` where it cannot go.
+A further robot needs one line in `ROBOTS`. It has to be what `SimulatedRobot` says, stand with its
+camera where it is told when it is made, and raise `RobotFaultError` where it cannot go.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 class SimulatedRobot(Protocol):
-    """What carries the camera of a simulated cell; made, it has the camera at ``T_WORLD_REF``."""
+    """What carries the camera of a simulated cell."""
 
     @property
     def pose(self) -> Array:
@@ -40,24 +40,21 @@ class SimulatedRobot(Protocol):
         """The image from where the camera is."""
 
 
-Maker = Callable[[Scene, Repeatability, np.random.Generator | None], SimulatedRobot]
-
-
-def _free(
-    scene: Scene, repeatability: Repeatability, rng: np.random.Generator | None
-) -> SimulatedRobot:
-    return FreeCamera(scene, T_WORLD_REF, repeatability, rng)
+Maker = Callable[[Scene, ArrayLike, Repeatability, np.random.Generator | None], SimulatedRobot]
 
 
 def _arm(
-    scene: Scene, repeatability: Repeatability, rng: np.random.Generator | None
+    scene: Scene,
+    T_world_cam: ArrayLike,
+    repeatability: Repeatability,
+    rng: np.random.Generator | None,
 ) -> SimulatedRobot:
     from servoscope.robots.arm import Arm
 
-    return Arm(scene, repeatability=repeatability, rng=rng)
+    return Arm(scene, T_world_cam, repeatability, rng)
 
 
-ROBOTS: dict[str, Maker] = {"free": _free, "arm": _arm}
+ROBOTS: dict[str, Maker] = {"free": FreeCamera, "arm": _arm}
 
 
 def check_robot(name: str) -> str:
@@ -78,8 +75,9 @@ def make_robot(
     scene: Scene,
     repeatability: Repeatability | None = None,
     rng: np.random.Generator | None = None,
+    T_world_cam: ArrayLike = T_WORLD_REF,
 ) -> SimulatedRobot:
-    """A robot that stands at its reference.
+    """A robot that stands with its camera at a pose, by default at the reference.
 
     Parameters
     ----------
@@ -90,15 +88,20 @@ def make_robot(
         How far from where it was sent it comes to rest; nowhere but there by default.
     rng : Generator, optional
         Draws the errors of motion and the noise of the sensor; without it there are none.
+    T_world_cam : array of shape (4, 4)
+        [m].
 
     Raises
     ------
     InvalidInputError
         If there is no such robot.
+    RobotFaultError
+        If it cannot carry its camera there.
 
     Examples
     --------
     >>> make_robot("free", Scene(image_size=32)).read().shape
     (32, 32)
     """
-    return ROBOTS[check_robot(name)](scene, repeatability or Repeatability(), rng)
+    maker = ROBOTS[check_robot(name)]
+    return maker(scene, T_world_cam, repeatability or Repeatability(), rng)

@@ -1,0 +1,189 @@
+"""``servoscope position``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from tyro.conf import arg
+
+from servoscope.commands.options import Json, Model, RobotName
+from servoscope.errors import InvalidInputError, ServoscopeError
+from servoscope.positioning.model import PositioningModel
+from servoscope.positioning.result import PositioningResult
+from servoscope.robots.registry import SimulatedRobot
+from servoscope.scoreboard.conditions import CONDITIONS
+
+Log = Annotated[Path | None, arg(metavar="FOLDER", help="New folder to log the run to.")]
+Replay = Annotated[
+    Path | None, arg(metavar="FOLDER", help="Show the images of a log to the model instead.")
+]
+ConditionName = Annotated[
+    str,
+    arg(
+        metavar=f"{{{','.join(CONDITIONS)}}}",
+        help="How the cell differs from the one that the model was trained in.",
+    ),
+]
+
+
+def position(
+    model: Model,
+    robot: RobotName | None = None,
+    condition: ConditionName = "range_1.0",
+    seed: int = 0,
+    max_moves: int = 12,
+    tolerance_mm: float = 0.05,
+    tolerance_deg: float = 0.005,
+    dry_run: bool = False,
+    log: Log = None,
+    replay: Replay = None,
+    json: Json = False,
+) -> None:
+    """Bring the camera of a simulated robot back to the reference that a model was trained on.
+
+    The start is drawn within +-25 mm and +-15 deg about the pivot, or as the condition says. For a
+    robot of your own see docs/positioning.md: it takes 20 lines of Python.
+
+    Example: servoscope position model --robot arm --condition gain_0.8 --seed 3
+
+    Args:
+        robot: Must be the one that took the images of training, which is the default.
+        seed: Seed of the start and of the noise.
+        max_moves: Moves after which it gives up.
+        tolerance_mm: Distance at which it is content.
+        tolerance_deg: Angle at which it is content.
+        dry_run: Look once and tell the move, without making it.
+    """
+    from servoscope.commands.output import print_json
+    from servoscope.positioning.settings import LoopSettings
+
+    if condition not in CONDITIONS:
+        raise InvalidInputError(
+            f"--condition must be one of {', '.join(CONDITIONS)}, got {condition!r}."
+        )
+    trained = PositioningModel.load(model)
+    if replay is not None:
+        facts = _replayed(trained, replay)
+        print_json(facts) if json else _print_replayed(facts)
+        return
+    settings = LoopSettings(
+        max_moves=max_moves, tolerance_mm=tolerance_mm, tolerance_deg=tolerance_deg
+    )
+    cell = _simulated_cell(trained, robot, condition, seed)
+    result, distances = _run(trained, cell, settings, dry_run, log)
+    if json:
+        print_json({**result.to_dict(), "true_error": distances[-1]})
+    else:
+        _print_run(result, distances)
+    if result.status == "interrupted":
+        raise KeyboardInterrupt
+    if result.status != "converged" and not dry_run:
+        raise ServoscopeError(f"{result.status}: {result.message}")
+
+
+def _simulated_cell(
+    model: PositioningModel, robot: str | None, condition: str, seed: int
+) -> SimulatedRobot:
+    """The robot and the part of training, at a start and under a condition."""
+    from servoscope.scoreboard.cell import robot_in_cell
+
+    source = model.trained_on
+    if not {"part", "variant", "robot"} <= source.keys():
+        raise InvalidInputError(
+            "This command moves simulated robots, but the model was trained on other images; "
+            "docs/positioning.md shows how to run it on a robot of your own."
+        )
+    if robot not in (None, source["robot"]):
+        raise InvalidInputError(
+            f"The model was trained with --robot {source['robot']}, whose poses it tells; leave "
+            f"--robot out, or train one on images acquired with --robot {robot}."
+        )
+    height, _ = model.image_shape
+    return robot_in_cell(
+        source["part"], source["variant"], source["robot"], condition, height, seed
+    )
+
+
+def _run(
+    model: PositioningModel, cell: SimulatedRobot, settings: Any, dry_run: bool, log: Path | None
+) -> tuple[PositioningResult, list[dict[str, float]]]:
+    """The run, and the true distance from the reference at every look and at the end."""
+    import numpy as np
+
+    from servoscope.poses import pose_error
+    from servoscope.positioning.look_and_move import Positioner
+    from servoscope.positioning.run_log import RunLog
+    from servoscope.scene.scene import T_WORLD_REF
+
+    positioner = Positioner(model, settings)
+    run_log = None if log is None else RunLog(log, positioner)
+    distances: list[dict[str, float]] = []
+
+    def note(step: Any = None, image: Any = None) -> None:
+        distance, angle = pose_error(T_WORLD_REF, cell.true_pose)
+        distances.append({"mm": 1e3 * float(distance), "deg": float(np.degrees(angle))})
+        if run_log is not None and step is not None:
+            run_log.write(step, image)
+
+    result = positioner.run(cell, cell, dry_run=dry_run, on_step=note)
+    note()
+    if run_log is not None:
+        run_log.finish(result)
+    return result, distances
+
+
+def _print_run(result: PositioningResult, distances: Sequence[dict[str, float]]) -> None:
+    import numpy as np
+    from rich.table import Table
+
+    from servoscope.commands.output import console
+    from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS, pose_error
+
+    table = Table(box=None, pad_edge=False)
+    for column in ("look", "answered by", "believed", "true", "novelty", "ms"):
+        table.add_column(column, justify="left" if column == "answered by" else "right")
+    for number, (step, truth) in enumerate(zip(result.steps, distances, strict=False)):
+        distance, angle = pose_error(np.eye(4), step.estimate.displacement)
+        table.add_row(
+            str(number + 1),
+            step.estimate.stage,
+            f"{1e3 * distance:.3f} mm {np.degrees(angle):.3f} deg",
+            f"{truth['mm']:.3f} mm {truth['deg']:.3f} deg",
+            f"{step.estimate.novelty:.2f}",
+            f"{1e3 * step.seconds:.1f}",
+        )
+    out = console()
+    out.print(table)
+    left = zip(DOFS, DISPLAY_FACTORS * result.predicted_error, DISPLAY_UNITS, strict=True)
+    out.print("predicted error:", ", ".join(f"{dof} {e:.3f} {unit}" for dof, e, unit in left))
+    out.print(f"true error: {distances[-1]['mm']:.3f} mm, {distances[-1]['deg']:.3f} deg")
+    out.print(f"{result.status}: {result.message}")
+
+
+def _replayed(model: PositioningModel, folder: Path) -> dict[str, Any]:
+    import numpy as np
+
+    from servoscope.positioning.run_log import replay
+
+    looks = [
+        {
+            "logged": look.logged.stage,
+            "now": look.now.stage,
+            "differs": look.differs,
+            "mm": 1e3 * look.distance,
+            "deg": float(np.degrees(look.angle)),
+        }
+        for look in replay(folder, model)
+    ]
+    return {"log": str(folder), "looks": looks}
+
+
+def _print_replayed(facts: dict[str, Any]) -> None:
+    from servoscope.commands.output import console
+
+    out = console()
+    for number, look in enumerate(facts["looks"]):
+        said = f"differs by {look['mm']:.3f} mm, {look['deg']:.3f} deg" * look["differs"] or "same"
+        out.print(f"look {number + 1}: {look['logged']}, now {look['now']}: {said}")

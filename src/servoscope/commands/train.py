@@ -1,0 +1,64 @@
+"""``servoscope train``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from servoscope.commands.options import DataSet, Force, Jobs, Json, ModelOut
+
+
+def train(
+    dataset: DataSet,
+    out: ModelOut = Path("servoscope-model"),
+    seed: int = 0,
+    jobs: Jobs = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Train a model that brings the camera back to the reference of a data set.
+
+    The images are best taken in rings around the reference: wide ones to find the way from afar,
+    narrow ones to be exact. The poses may be those of the robot's flange: where the camera sits in
+    it need not be known.
+
+    Example: servoscope acquire cell --schedule default && servoscope train cell --out model
+
+    Args:
+        seed: Seed of the nets, of what is held out, and of the disturbances.
+    """
+    from servoscope.commands.options import n_jobs
+    from servoscope.commands.output import print_json
+    from servoscope.commands.progress import progress_bar
+    from servoscope.dataset import PoseImageSet
+    from servoscope.positioning.model_folder import check_free
+    from servoscope.positioning.training import N_STAGES
+    from servoscope.positioning.training import train as train_model
+
+    processes = n_jobs(jobs)
+    check_free(out, force=force)
+    data = PoseImageSet.load(dataset)
+    with progress_bar("training", N_STAGES) as advance:
+        model = train_model(data, seed=seed, n_jobs=processes, on_progress=advance)
+    model.save(out, force=force)
+    if json:
+        print_json({"model": str(out), "accuracy": model.accuracy})
+    else:
+        _print_accuracy(model.accuracy)
+        print(f"model: {out}")
+
+
+def _print_accuracy(accuracy: dict[str, Any]) -> None:
+    from rich.table import Table
+
+    from servoscope.commands.output import console
+    from servoscope.poses import DISPLAY_UNITS, DOFS
+
+    table = Table(title="Median error of one look at images held out", title_justify="left")
+    for column in ("displaced by up to", "images", *map("{}\n[{}]".format, DOFS, DISPLAY_UNITS)):
+        table.add_column(column, justify="right")
+    for ring in accuracy["rings"]:
+        for kind in ("clean", "disturbed"):
+            errors = [f"{ring[kind][dof]:.3f}" for dof in DOFS]
+            table.add_row(f"{ring['mm']:.3g} mm, {ring['deg']:.3g} deg", kind, *errors)
+    console().print(table)
