@@ -1,0 +1,85 @@
+"""Training comes to one model for a seed, and asks for images that it can be made from."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planar import planar_images
+from planar_cell import SIZE, T_WORLD_REF
+from planar_model import RANGES, RINGS, camera_data, camera_model
+from servoscope.dataset import PoseImageSet
+from servoscope.errors import DataSetError
+from servoscope.poses import poses_from_displacements
+from servoscope.positioning.model_folder import ARRAYS, MODEL
+from servoscope.positioning.training import N_STAGES, train
+
+
+def subset(data: PoseImageSet, chosen) -> PoseImageSet:
+    """Some of the images."""
+    return replace(data, images=data.images[chosen], T_world_cam=data.T_world_cam[chosen], names=())
+
+
+@pytest.mark.slow
+def test_a_seed_gives_one_model_whatever_the_number_of_processes(tmp_path) -> None:
+    data, told = camera_data(((140, 1.0),)), []
+    train(data, n_jobs=1).save(tmp_path / "one")
+    train(data, n_jobs=2, on_progress=told.append).save(tmp_path / "two")
+    train(data, n_jobs=1, seed=1).save(tmp_path / "other")
+    for part in (ARRAYS, MODEL):
+        one, two, other = (tmp_path / name / part for name in ("one", "two", "other"))
+        assert one.read_bytes() == two.read_bytes() != other.read_bytes()
+    assert told == list(range(1, N_STAGES + 1))
+
+
+def test_a_model_knows_what_it_was_made_for() -> None:
+    model, data = camera_model(), camera_data()
+    np.testing.assert_array_equal(model.reach, RANGES)
+    np.testing.assert_array_equal(model.reference_image, data.reference_image)
+    assert model.trained_on == data.source
+    assert model.trained_on is not data.source
+    assert [level.radius for level in model.levels] == [1, 0.25, 2**-5]
+    assert sum(n for n, _ in RINGS) == len(data)
+
+
+def test_what_it_reaches_is_told_by_rings() -> None:
+    rings = camera_model().accuracy["rings"]
+    assert len(rings) == 3
+    clean = [np.mean(list(ring["clean"].values())) for ring in rings]
+    assert clean[0] > 3 * clean[1]
+    assert clean[0] > 3 * clean[2]
+
+
+@pytest.mark.parametrize("dof", [0, 5])
+def test_a_dof_that_never_moves_is_refused(dof) -> None:
+    delta_p = np.random.default_rng(0).uniform(-1, 1, (80, 6)) * RANGES
+    delta_p[:, dof] = 0
+    images = planar_images(np.vstack([delta_p, np.zeros(6)]), SIZE, seed=3)
+    poses = poses_from_displacements(T_WORLD_REF, delta_p, 0.55)
+    data = PoseImageSet(images[:-1], poses, T_WORLD_REF, images[-1])
+    with pytest.raises(DataSetError, match="some dofs never move") as info:
+        train(data, n_jobs=1)
+    assert "\n" not in str(info.value)
+
+
+@pytest.mark.parametrize("chosen", [slice(0, 2), slice(0, 9), slice(0, 40), slice(300, None)])
+def test_too_few_images_over_the_range_are_refused(chosen) -> None:
+    with pytest.raises(DataSetError, match=r"at least \d+ images displaced by 70%") as info:
+        train(subset(camera_data(), chosen), n_jobs=1)
+    assert "\n" not in str(info.value)
+
+
+def test_one_image_is_refused() -> None:
+    with pytest.raises(DataSetError, match="never move"):
+        train(subset(camera_data(), slice(0, 1)), n_jobs=1)
+
+
+def test_the_fewest_images_that_are_asked_for_are_enough() -> None:
+    data = camera_data()
+    with pytest.raises(DataSetError) as info:
+        train(subset(data, slice(0, 9)), n_jobs=1)
+    least = int(re.search(r"at least (\d+)", str(info.value))[1])
+    far = np.flatnonzero(np.abs(data.delta_p() / RANGES).max(axis=1) > 0.7)
+    model = train(subset(data, far[:least]), n_jobs=1)
+    assert np.isfinite(model.estimate(data.images[far[least]]).displacement).all()
