@@ -54,7 +54,8 @@ class LearnedInteraction:
     The vectors of pose-image covariance (Wells and Torras 2001, eq. 13 and 14) are ``X P``. The
     least-squares interaction matrix is ``X P (P'P)^-1``: the same, normalised by how much each dof
     moved. For displacements drawn evenly and independently the two differ by a factor for each
-    dof.
+    dof. Errors of the robot in the displacements shrink ``L`` by ``1 / (1 + var(error) / var(p))``
+    for each dof, as in any regression.
     """
 
     appearance: Appearance

@@ -66,6 +66,11 @@ def plan_rungs(p: Array) -> list[Rung]:
     ------
     DataSetError
         If they do not even allow the widest.
+
+    Examples
+    --------
+    >>> plan_rungs(np.full((168, 6), 0.9))
+    [Rung(radius=1.0, degree=3)]
     """
     size = np.abs(p).max(axis=1)
     rungs = []

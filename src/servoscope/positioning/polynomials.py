@@ -39,6 +39,11 @@ def evaluate_terms(powers: NDArray[np.int64], p: Array) -> Array:
     powers : ndarray of shape (n_terms, 6)
         As `exponents` gives them.
     p : ndarray of shape (..., 6)
+
+    Examples
+    --------
+    >>> evaluate_terms(exponents(1), np.arange(6.0))
+    array([1., 0., 1., 2., 3., 4., 5.])
     """
     return np.prod(_power_table(powers, p)[..., np.arange(6), powers], axis=-1)
 
