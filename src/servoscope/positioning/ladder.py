@@ -18,8 +18,8 @@ from servoscope.positioning.polynomials import exponents
 Array = NDArray[np.float64]
 Images = NDArray[np.uint8]
 
-RATIO = 0.5
-"""Radius of a level relative to the one before it."""
+RATIO = 0.6
+"""The largest radius of a level relative to the one before it."""
 
 BLURS = tuple(pixels / 256 for pixels in (24, 16, 12, 8, 5, 3, 2, 1))
 """Blurs that levels may have, [image widths], widest first."""
@@ -30,7 +30,9 @@ HIGH_PASS = 4.0
 HIGHEST_DEGREES = ((0.5, 4), (0.1, 3), (0.0, 2))
 """The highest degree of a level's polynomials, from a radius on: near the reference low ones do."""
 
+_RADII = [float(radius) for radius in 2.0 ** -np.arange(0, 12, 0.25)]
 _SHELL = 0.7
+_WIDE = 0.5
 _LEAST_IMAGES = 112
 _IMAGES_PER_TERM = 2
 _MOST_HELD_OUT = 40
@@ -74,12 +76,12 @@ def plan_rungs(p: Array) -> list[Rung]:
     """
     size = np.abs(p).max(axis=1)
     rungs = []
-    for radius in RATIO ** np.arange(12):
-        highest = next(degree for least, degree in HIGHEST_DEGREES if radius >= least)
-        n_images = int(np.sum((size > _SHELL * radius) & (size <= MARGIN * radius)))
-        degrees = [degree for degree in range(2, highest + 1) if n_images >= _images_needed(degree)]
-        if degrees:
-            rungs.append(Rung(float(radius), degrees[-1]))
+    radii = [radius for radius in _RADII if _shell(size, radius) >= _images_needed(2)]
+    while radii:
+        near = [radius for radius in radii if radius >= radii[0] / 2] if rungs else radii[:1]
+        radius = max(near, key=lambda radius: _shell(size, radius))
+        rungs.append(Rung(radius, _degree(radius, _shell(size, radius))))
+        radii = [narrower for narrower in radii if narrower <= RATIO * radius]
     if not rungs or rungs[0].radius < 1:
         least = _images_needed(2)
         raise DataSetError(
@@ -87,6 +89,16 @@ def plan_rungs(p: Array) -> list[Rung]:
             f"more, got {int(np.sum(size > _SHELL))}; take more, say with --schedule default."
         )
     return rungs
+
+
+def _shell(size: Array, radius: float) -> int:
+    """How many images lie near the border of a radius."""
+    return int(np.sum((size > _SHELL * radius) & (size <= MARGIN * radius)))
+
+
+def _degree(radius: float, n_images: int) -> int:
+    highest = next(degree for least, degree in HIGHEST_DEGREES if radius >= least)
+    return max(d for d in range(2, highest + 1) if d == 2 or n_images >= _images_needed(d))
 
 
 def _images_needed(degree: int) -> int:
@@ -134,16 +146,19 @@ def learn_levels(
     kept, held_out = hold_out(images, p, rng)
     images, p = images[kept], p[kept]
     levels: list[LearnedInteraction] = []
-    widest = 0
     for rung in rungs:
-        candidates = [Appearance(blur) for blur in BLURS[widest : widest + 3]]
+        blurs = BLURS[:3]
+        if levels:
+            wider = levels[-1]
+            least = 0.5 * wider.appearance.blur * rung.radius / wider.radius
+            blurs = tuple(b for b in BLURS if least <= b <= wider.appearance.blur) or BLURS[-1:]
+        candidates = [Appearance(blur) for blur in blurs]
         candidates += [Appearance(a.blur, HIGH_PASS * a.blur) for a in candidates]
         learned = [learn_interaction(images, p, *rung, appearance) for appearance in candidates]
         if rung is rungs[-1]:
             learned = [level.at_reference(reference_image) for level in learned]
         best = min(learned, key=lambda level: _held_out_error(level, held_out))
         levels.append(_calibrated(best, held_out))
-        widest = BLURS.index(best.appearance.blur)
         if on_progress is not None:
             on_progress(len(levels))
     levels[-1] = _calibrated_by_noise(levels[-1], held_out, rng)
@@ -188,7 +203,7 @@ def _calibrated(level: LearnedInteraction, held_out: HeldOut) -> LearnedInteract
     return replace(
         level,
         std_factor=_ratio(errors, [level.std(a) for a in alignments]),
-        unlikeness_limit=_limit(unlike),
+        unlikeness_limit=_limit(unlike, level.radius),
     )
 
 
@@ -209,9 +224,14 @@ def _calibrated_by_noise(
     return replace(level, std_factor=_ratio(np.array(scatter), std))
 
 
-def _limit(unlike: list[float]) -> float:
-    """The most unlike an image may be: halfway, in logarithms, to the 1 that tells nothing."""
-    return float(np.sqrt(min(np.quantile(unlike, 0.95), 0.95)))
+def _limit(unlike: list[float], radius: float) -> float:
+    """The most unlike an image may be.
+
+    At the widest levels, which tell whether it shows the part at all, it is halfway, in
+    logarithms, to the 1 that tells nothing. At narrow ones noise alone comes near that.
+    """
+    usual = float(np.quantile(unlike, 0.95))
+    return float(np.sqrt(min(usual, 0.95))) if radius >= _WIDE else 2 * usual
 
 
 def _ratio(errors: Array, std: list[Array]) -> float:

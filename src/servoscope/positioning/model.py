@@ -83,7 +83,7 @@ class PositioningModel:
 
         The level that answered for the image before is asked first. Where it is not content, the
         networks make a first guess and the widest level betters it. Each answer is the first
-        guess of the next narrower level, until it lies beyond that level's radius.
+        guess of the next narrower level, until it surely lies beyond that level's radius.
 
         Parameters
         ----------
@@ -123,7 +123,8 @@ class PositioningModel:
         """The answer of the narrowest level that an answer leads to."""
         for number in range(answer.level + 1, len(self.levels)):
             level = self.levels[number]
-            if np.abs(answer.p).max() > level.radius:
+            surely = np.abs(answer.p) - 2 * answer.std / self.reach
+            if surely.max() > level.radius:
                 break
             alignment = level.align(image, answer.p)
             if np.abs(alignment.p).max() > MARGIN or not level.is_alike(alignment):

@@ -10,7 +10,7 @@ from servoscope.schedule import RECOMMENDED, Schedule, parse_schedule
 from servoscope.scoreboard.conditions import CONDITIONS
 
 QUICK_CONDITIONS = ("range_1.0", "gain_0.8", "covered_10", "noise_10")
-QUICK_SCHEDULE = parse_schedule("400@1.6,400@1.0,200@0.3,200@0.04")
+QUICK_SCHEDULE = parse_schedule("500@1.6,300@1.0,200@0.4,150@0.12,150@0.04")
 
 STARTS, QUICK_STARTS = 100, 10
 
