@@ -15,6 +15,7 @@ from .formats import read_tum as read_tum
 from .poses import DOFS as DOFS
 from .positioning import LoopSettings as LoopSettings
 from .positioning import Positioner as Positioner
+from .positioning import PositioningModel as PositioningModel
 from .positioning import PositioningResult as PositioningResult
 from .regression import LMRegressor as LMRegressor
 from .regression import NetworkJob as NetworkJob

@@ -5,6 +5,8 @@ from .interfaces import Estimator as Estimator
 from .interfaces import Robot as Robot
 from .iterated_networks import IteratedNetworks as IteratedNetworks
 from .look_and_move import Positioner as Positioner
+from .model import PositioningModel as PositioningModel
 from .pose_networks import PoseNetworks as PoseNetworks
 from .result import PositioningResult as PositioningResult
 from .settings import LoopSettings as LoopSettings
+from .training import train as train

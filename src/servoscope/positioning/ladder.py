@@ -75,7 +75,7 @@ def plan_rungs(p: Array) -> list[Rung]:
     [Rung(radius=1.0, degree=3)]
     """
     size = np.abs(p).max(axis=1)
-    rungs = []
+    rungs: list[Rung] = []
     radii = [radius for radius in _RADII if _shell(size, radius) >= _images_needed(2)]
     while radii:
         near = [radius for radius in radii if radius >= radii[0] / 2] if rungs else radii[:1]

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from os import PathLike
+
 from servoscope.errors import InvalidInputError
 from servoscope.positioning import guard
 from servoscope.positioning.devices import RunEnded
 from servoscope.positioning.image_error import reference_thumbnail
 from servoscope.positioning.interfaces import Camera, Estimator, Robot
+from servoscope.positioning.model import PositioningModel
 from servoscope.positioning.result import PositioningResult
 from servoscope.positioning.run import OnStep, Run
 from servoscope.positioning.settings import LoopSettings
@@ -58,6 +61,17 @@ class Positioner:
         if reason := guard.image_format_fault(reference, estimator.image_shape):
             raise InvalidInputError(f"The reference image does not fit. {reason}")
         reference_thumbnail(reference)
+
+    @classmethod
+    def load(cls, folder: str | PathLike[str], settings: LoopSettings | None = None) -> Positioner:
+        """A positioner with a model that ``servoscope train`` has written.
+
+        Raises
+        ------
+        ModelError
+            If the model is missing, damaged, or of a newer version.
+        """
+        return cls(PositioningModel.load(folder), settings)
 
     def run(
         self,

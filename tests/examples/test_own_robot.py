@@ -1,0 +1,91 @@
+"""The example's camera, robot and images, with a simulated robot for a driver."""
+
+import importlib.util
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import servoscope as sv
+from servoscope.poses import pose_error, rigid_transform
+from servoscope.schedule import parse_schedule
+
+SCRIPT = Path(__file__).parents[2] / "examples" / "own_robot.py"
+
+
+@pytest.fixture(scope="module")
+def example():
+    spec = importlib.util.spec_from_file_location("own_robot", SCRIPT)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+class Driver:
+    """What commands the robot of a cell, by poses."""
+
+    def __init__(self) -> None:
+        self.T, self.stopped = rigid_transform(np.diag([1.0, -1.0, -1.0]), [0.1, 0.2, 0.6]), False
+
+    def get_pose(self):
+        return self.T.copy()
+
+    def move_linear(self, T) -> None:
+        self.T = np.array(T)
+
+    def stop(self) -> None:
+        self.stopped = True
+
+
+class Video:
+    def __init__(self, frame) -> None:
+        self.frame, self.n_read = frame, 0
+
+    def read(self):
+        self.n_read += 1
+        return self.frame is not None, self.frame
+
+
+def test_the_robot_moves_in_its_own_axes_and_tells_what_it_did(example) -> None:
+    driver = Driver()
+    robot, before = example.MyRobot(driver), driver.get_pose()
+    displacement = rigid_transform(np.eye(3), [0.0, 0.0, 0.05])
+    np.testing.assert_allclose(robot.move(displacement), displacement, atol=1e-12)
+    np.testing.assert_allclose(robot.pose[:3, 3] - before[:3, 3], [0, 0, -0.05], atol=1e-12)
+    robot.stop()
+    assert driver.stopped
+
+
+def test_the_camera_gives_the_newest_grey_middle(example, monkeypatch) -> None:
+    frame = np.zeros((120, 200, 3), np.uint8)
+    frame[:, 40:160] = 90
+    video = Video(frame)
+    monkeypatch.setattr(cv2, "VideoCapture", lambda device: video)
+    image = example.MyCamera(size=60).read()
+    assert image.shape == (60, 60)
+    assert image.dtype == np.uint8
+    assert (image == 90).all()
+    assert video.n_read == 3
+    video.frame = None
+    with pytest.raises(RuntimeError, match="no image"):
+        example.MyCamera().read()
+
+
+def test_images_are_taken_around_the_reference_and_the_robot_comes_back(example) -> None:
+    driver = Driver()
+    robot = example.MyRobot(driver)
+    start = robot.pose
+
+    class Camera:
+        def read(self):
+            return np.full((8, 8), 50, np.uint8)
+
+    schedule = parse_schedule("20@1.0,10@0.1")
+    data = example.take_images(robot, Camera(), schedule, pivot=0.5)
+    assert isinstance(data, sv.PoseImageSet)
+    assert len(data) == 30
+    assert max(pose_error(robot.pose, start)) < 1e-7
+    shares = np.abs(data.delta_p() / data.ranges()).max(axis=1)
+    assert shares[:20].max() <= 1 + 1e-9
+    assert 0.05 < shares[20:].max() <= 0.1 + 1e-9
