@@ -1,0 +1,132 @@
+"""Training and positioning from the command line, on a small textured plane."""
+
+import json
+
+import pytest
+
+from servoscope.cli import main
+from servoscope.dataset import PoseImageSet
+from servoscope.positioning import PositioningModel
+
+SCHEDULE = "240@1.6,240@1.0,150@0.4,150@0.12,150@0.04"
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory):
+    """A folder with a data set and a model that was trained on it."""
+    folder = tmp_path_factory.mktemp("cell")
+    options = ["--part", "textured_plane", "--image-size", "64", "--schedule", SCHEDULE]
+    assert main(["acquire", str(folder / "data"), *options]) == 0
+    assert main(["train", str(folder / "data"), "--out", str(folder / "model"), "--json"]) == 0
+    return folder
+
+
+def run(capsys, *arguments):
+    code = main([*map(str, arguments)])
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+def test_a_model_tells_what_it_was_trained_on_and_reaches(cell, capsys) -> None:
+    code, out, _ = run(capsys, "info", cell / "model", "--json")
+    facts = json.loads(out)
+    assert code == 0
+    assert facts["trained_on"]["part"] == "textured_plane"
+    rings = facts["accuracy"]["rings"]
+    assert rings[0]["mm"] == pytest.approx(40)
+    assert rings[-1]["clean"]["tz"] < rings[0]["clean"]["tz"]
+
+
+def test_training_does_not_replace_a_model_unasked(cell, capsys) -> None:
+    code, _, err = run(capsys, "train", cell / "data", "--out", cell / "model")
+    assert code == 1
+    assert len(err.splitlines()) == 1
+
+
+def test_the_camera_comes_back(cell, capsys) -> None:
+    code, out, _ = run(capsys, "position", cell / "model", "--seed", 1, "--json")
+    result = json.loads(out)
+    assert (code, result["status"]) == (0, "converged")
+    assert result["true_error"]["mm"] < 1
+    assert result["true_error"]["deg"] < 0.1
+    again = json.loads(run(capsys, "position", cell / "model", "--seed", 1, "--json")[1])
+    assert again["true_error"] == result["true_error"]
+    assert again["steps"][-1]["pose"] == result["steps"][-1]["pose"]
+
+
+def test_a_dry_run_tells_the_move_and_does_not_make_it(cell, capsys) -> None:
+    code, out, _ = run(capsys, "position", cell / "model", "--dry-run", "--json")
+    result = json.loads(out)
+    assert code == 0
+    assert result["moves"] == 0
+    assert result["true_error"]["mm"] > 10
+    assert "nothing was moved" in result["message"]
+
+
+def test_a_run_is_logged_and_replayed(cell, capsys, tmp_path) -> None:
+    log = tmp_path / "log"
+    assert run(capsys, "position", cell / "model", "--log", log)[0] == 0
+    code, out, _ = run(capsys, "position", cell / "model", "--replay", log, "--json")
+    looks = json.loads(out)["looks"]
+    assert code == 0
+    assert len(looks) > 2
+    assert not any(look["differs"] for look in looks)
+    assert run(capsys, "position", cell / "model", "--log", log)[0] == 1
+
+
+def test_people_are_shown_every_look(cell, capsys) -> None:
+    code, out, _ = run(capsys, "position", cell / "model", "--condition", "gain_0.8")
+    assert code == 0
+    for words in ("answered by", "predicted error: tx", "true error:", "converged:"):
+        assert words in out
+
+
+def test_what_does_not_converge_fails_with_its_status(cell, capsys) -> None:
+    code, out, err = run(capsys, "position", cell / "model", "--max-moves", 0)
+    assert code == 1
+    assert err.startswith("servoscope: max_moves: ")
+    assert len(err.splitlines()) == 1
+    assert "true error" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--robot", "arm"], "trained with --robot free"),
+        (["--condition", "dark"], "must be one of range_0.4"),
+        (["--max-moves", "-1"], "max_moves"),
+        (["--tolerance-mm", "nan"], "tolerance_mm"),
+    ],
+)
+def test_bad_options_are_told_in_a_line(cell, capsys, options, said) -> None:
+    code, _, err = run(capsys, "position", cell / "model", *options)
+    assert code == 1
+    assert said in err
+    assert len(err.splitlines()) == 1
+
+
+def test_a_model_of_other_images_moves_no_simulated_robot(cell, capsys, tmp_path) -> None:
+    model = PositioningModel.load(cell / "model")
+    model.trained_on.clear()
+    model.save(tmp_path / "own")
+    code, _, err = run(capsys, "position", tmp_path / "own")
+    assert code == 1
+    assert "robot of your own" in err
+
+
+def test_images_that_cannot_train_are_refused_in_a_line(cell, capsys, tmp_path) -> None:
+    data = PoseImageSet.load(cell / "data")
+    few = PoseImageSet(
+        data.images[:30],
+        data.T_world_cam[:30],
+        data.T_world_ref,
+        data.reference_image,
+        pivot=data.pivot,
+        pivot_ranges=data.pivot_ranges,
+    )
+    few.save(tmp_path / "few")
+    code, _, err = run(capsys, "train", tmp_path / "few", "--out", tmp_path / "model")
+    assert code == 1
+    assert "at least" in err
+    assert len(err.splitlines()) == 1
+    assert not (tmp_path / "model").exists()
