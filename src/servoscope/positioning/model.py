@@ -116,6 +116,7 @@ class PositioningModel:
             displacement=self._displacement(guess),
             std=self.networks.doubt,
             stage="networks",
+            is_finest=False,
             p=guess,
         )
 
