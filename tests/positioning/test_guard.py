@@ -163,3 +163,18 @@ def test_impossible_settings_are_refused(name: str, value, message: str) -> None
 def test_plain_values_are_strict_json() -> None:
     assert plain(np.array([[1.0, np.nan], [np.inf, 2]])) == [[1.0, None], [None, 2.0]]
     assert plain(None) is None
+
+
+@pytest.mark.parametrize(
+    ("believed", "patience", "wanders"),
+    [
+        ([50, 90, 80, 70], 3, True),
+        ([50, 90, 80, 49], 3, False),
+        ([50, 90, 80], 3, False),
+        ([50, 40, 30, 20], 3, False),
+        ([50, 50, 50, 50], 3, True),
+        ([50, 90, 80, 70], 0, False),
+    ],
+)
+def test_no_new_low_of_the_believed_distance_is_wandering(believed, patience, wanders) -> None:
+    assert guard.is_wandering(believed, patience) == wanders

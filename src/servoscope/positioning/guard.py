@@ -139,6 +139,19 @@ def execution_fault(commanded: Array, executed: Array, settings: LoopSettings) -
     )
 
 
+def is_wandering(believed: Sequence[float], patience: int) -> bool:
+    """Whether the believed distances of the last looks are all no less than the least before.
+
+    Examples
+    --------
+    >>> is_wandering([40.0, 90.0, 60.0, 80.0], patience=3)
+    True
+    >>> is_wandering([90.0, 60.0, 40.0, 30.0], patience=3)
+    False
+    """
+    return len(believed) > patience > 0 and min(believed[-patience:]) >= min(believed[:-patience])
+
+
 def is_diverging(errors: Sequence[float], growth: float) -> bool:
     """Whether the image error has risen over two moves, clearly and in both of them.
 

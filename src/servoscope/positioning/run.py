@@ -123,6 +123,9 @@ class Run:
         errors = [step.image_error for step in self.steps]
         if guard.is_diverging(errors, settings.growth):
             return RunEnded("diverged", _divergence_message(errors))
+        believed = [float(np.linalg.norm(s.estimate.displacement[:3, 3])) for s in self.steps]
+        if not estimate.is_finest and guard.is_wandering(believed, int(settings.patience)):
+            return RunEnded("diverged", _wandering_message(estimate, settings))
         if arrived := self._arrival(estimate):
             return arrived
         if self.robot.moves >= settings.max_moves:
@@ -157,10 +160,14 @@ class Run:
         return executed
 
     def _return_to_best(self) -> None:
-        """Go back the way it came to the least image error, if the last is clearly worse."""
+        """Go back the way it came to the least image error, if the last is worse.
+
+        Where the finest stage answers it has to be clearly worse: the camera is near.
+        """
         errors = [step.image_error for step in self.steps]
         best = int(np.argmin(errors))
-        if errors[-1] <= errors[best] + self.settings.growth:
+        margin = self.settings.growth if self.steps[-1].estimate.is_finest else 0.0
+        if errors[-1] <= errors[best] + margin:
             return
         for step in reversed(self.steps[best:-1]):
             self._move(inverse_transform(self.robot.pose) @ step.pose)
@@ -198,4 +205,11 @@ def _divergence_message(errors: list[float]) -> str:
         f"The image error grew from {min(errors):.2f} to {errors[-1]:.2f} over two moves: the "
         "moves lead away; see that the robot moves in the frame of the training poses, and that "
         "the view is free."
+    )
+
+
+def _wandering_message(estimate: Estimate, settings: LoopSettings) -> str:
+    return (
+        f"Still {as_text(estimate.displacement)} away, as believed, and no nearer for "
+        f"{settings.patience} moves; free the view, or begin nearer to the reference."
     )

@@ -39,6 +39,9 @@ class LoopSettings:
         The most unlike the training images that an image may be.
     growth : float
         How much the image error must rise over two moves to be called divergence.
+    patience : int
+        Looks in a row that may bring the believed displacement to no new low, before that is called
+        divergence; 0 for any number. It does not count where the finest stage answers.
     read_timeout_s, move_timeout_s : float, optional
         How long an image, or a pose, and a move may take; None calls without a watch, in the
         thread of the caller.
@@ -69,6 +72,7 @@ class LoopSettings:
     workspace_margin: float = 1.3
     novelty_limit: float = 1.0
     growth: float = 0.05
+    patience: int = 5
     read_timeout_s: float | None = 5.0
     move_timeout_s: float | None = 60.0
     execution_share: float = 0.2
@@ -84,8 +88,10 @@ class LoopSettings:
                 raise InvalidInputError(
                     f"{field.name} must be a finite number that is not negative, got {value!r}."
                 )
-        if self.max_moves != int(self.max_moves):
-            raise InvalidInputError(f"max_moves must be a whole number, got {self.max_moves!r}.")
+        for name in ("max_moves", "patience"):
+            value = getattr(self, name)
+            if value != int(value):
+                raise InvalidInputError(f"{name} must be a whole number, got {value!r}.")
         for name in ("max_step_mm", "max_step_deg"):
             if getattr(self, name) == 0:
                 raise InvalidInputError(f"{name} must be more than 0, or None for the reach.")
