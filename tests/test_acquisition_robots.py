@@ -26,9 +26,9 @@ ENCODER = rigid_transform(np.eye(3), [0.0, 0.0, 1e-4])
 class Crane:
     """Tells the pose of its hook, 0.1 mm off from where it was sent; cannot go to negative rz."""
 
-    def __init__(self, scene, repeatability, rng):
-        self.camera = FreeCamera(scene, T_WORLD_REF, repeatability, rng)
-        self.hook = T_WORLD_REF @ inverse_transform(MOUNT)
+    def __init__(self, scene, T_world_cam, repeatability, rng):
+        self.camera = FreeCamera(scene, T_world_cam, repeatability, rng)
+        self.hook = T_world_cam @ inverse_transform(MOUNT)
 
     @property
     def pose(self):
