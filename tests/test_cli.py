@@ -175,6 +175,15 @@ def test_debug_shows_where_an_error_came_from(capsys):
     assert "Traceback" in capsys.readouterr().err
 
 
+def test_the_command_line_starts_without_what_only_some_commands_need():
+    code = (
+        "import sys, servoscope.cli as cli; cli._app(); "
+        "print(sorted({'numba', 'sklearn', 'manifold3d', 'matplotlib'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
 def test_version(capsys):
     assert main(["--version"]) == 0
     assert capsys.readouterr().out.startswith("servoscope ")

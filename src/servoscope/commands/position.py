@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import arg
 
 from servoscope.commands.options import Json, Model, RobotName
 from servoscope.errors import InvalidInputError, ServoscopeError
-from servoscope.positioning.model import PositioningModel
-from servoscope.positioning.result import PositioningResult
-from servoscope.robots.registry import SimulatedRobot
-from servoscope.scoreboard.conditions import CONDITIONS
+
+if TYPE_CHECKING:
+    from servoscope.positioning import PositioningModel, PositioningResult
+    from servoscope.robots.registry import SimulatedRobot
 
 Log = Annotated[Path | None, arg(metavar="FOLDER", help="New folder to log the run to.")]
 Replay = Annotated[
@@ -22,8 +22,9 @@ Replay = Annotated[
 ConditionName = Annotated[
     str,
     arg(
-        metavar=f"{{{','.join(CONDITIONS)}}}",
-        help="How the cell differs from the one that the model was trained in.",
+        metavar="NAME",
+        help="How the cell differs from the one of training: gain_0.8, light_moved, covered_10, "
+        "noise_10 and others; a name that is none tells them all.",
     ),
 ]
 
@@ -57,7 +58,8 @@ def position(
         dry_run: Look once and tell the move, without making it.
     """
     from servoscope.commands.output import print_json
-    from servoscope.positioning.settings import LoopSettings
+    from servoscope.positioning import LoopSettings, PositioningModel
+    from servoscope.scoreboard.conditions import CONDITIONS
 
     if condition not in CONDITIONS:
         raise InvalidInputError(
