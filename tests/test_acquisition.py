@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from same_data import assert_same
 from servoscope import dataset_folder
 from servoscope.acquisition import AcquisitionConfig, acquire
 from servoscope.dataset import PoseImageSet
@@ -19,13 +20,6 @@ CONFIG = AcquisitionConfig(n_images=60, image_size=16, seed=3)
 def whole(tmp_path_factory: pytest.TempPathFactory) -> PoseImageSet:
     """What an undisturbed acquisition in one process gives."""
     return acquire(tmp_path_factory.mktemp("whole"), CONFIG, n_jobs=1)
-
-
-def _assert_same(a: PoseImageSet, b: PoseImageSet) -> None:
-    np.testing.assert_array_equal(a.images, b.images)
-    np.testing.assert_array_equal(a.T_world_cam, b.T_world_cam)
-    np.testing.assert_array_equal(a.reference_image, b.reference_image)
-    assert a.source == b.source
 
 
 def _interrupt(*_: object, **__: object) -> None:
@@ -73,7 +67,7 @@ def test_every_image_has_noise_of_its_own(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_two_processes_give_the_images_of_one(tmp_path: Path, whole: PoseImageSet) -> None:
-    _assert_same(acquire(tmp_path, CONFIG, n_jobs=2), whole)
+    assert_same(acquire(tmp_path, CONFIG, n_jobs=2), whole)
 
 
 def test_more_images_begin_with_the_same_ones(tmp_path: Path, whole: PoseImageSet) -> None:
@@ -105,7 +99,7 @@ def test_an_interrupted_acquisition_goes_on_where_it_stopped(
         acquire(tmp_path, CONFIG, n_jobs=1, on_progress=stop)
     assert not dataset_folder.is_finished(tmp_path)
     counts: list[int] = []
-    _assert_same(acquire(tmp_path, CONFIG, n_jobs=1, on_progress=counts.append), whole)
+    assert_same(acquire(tmp_path, CONFIG, n_jobs=1, on_progress=counts.append), whole)
     assert counts == [n for n in (25, 50, 60) if n > at]
 
 
@@ -129,7 +123,7 @@ def test_a_stop_at_any_step_loses_nothing(
         patch.setattr(f"servoscope.{step}", _interrupt)
         with pytest.raises(KeyboardInterrupt):
             acquire(tmp_path, CONFIG, n_jobs=1)
-    _assert_same(acquire(tmp_path, CONFIG, n_jobs=1), whole)
+    assert_same(acquire(tmp_path, CONFIG, n_jobs=1), whole)
     assert not (tmp_path / "acquisition.json").exists()
 
 
@@ -137,7 +131,7 @@ def test_a_stop_at_the_very_end_loses_nothing(tmp_path: Path) -> None:
     config = AcquisitionConfig(n_images=2, image_size=16)
     first = acquire(tmp_path, config, n_jobs=1)
     write_progress(tmp_path, Progress(config.plan(), 2))
-    _assert_same(acquire(tmp_path, config, n_jobs=1), first)
+    assert_same(acquire(tmp_path, config, n_jobs=1), first)
     assert not (tmp_path / "acquisition.json").exists()
 
 
@@ -146,7 +140,7 @@ def test_a_finished_folder_is_only_read(tmp_path: Path, monkeypatch: pytest.Monk
     first = acquire(tmp_path, config, n_jobs=1)
     before = _content(tmp_path)
     monkeypatch.setattr("servoscope.acquisition.make_robot", _interrupt)
-    _assert_same(acquire(tmp_path, config, n_jobs=1), first)
+    assert_same(acquire(tmp_path, config, n_jobs=1), first)
     assert _content(tmp_path) == before
 
 

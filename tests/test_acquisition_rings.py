@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
+from same_data import assert_same
 from servoscope.acquisition import AcquisitionConfig, acquire
 from servoscope.dataset import PoseImageSet
 from servoscope.errors import InvalidInputError
@@ -21,13 +22,6 @@ CONFIG = AcquisitionConfig(schedule=SCHEDULE, image_size=16, seed=3)
 def whole(tmp_path_factory: pytest.TempPathFactory) -> PoseImageSet:
     """What an undisturbed acquisition in one process gives."""
     return acquire(tmp_path_factory.mktemp("rings"), CONFIG, n_jobs=1)
-
-
-def _assert_same(a: PoseImageSet, b: PoseImageSet) -> None:
-    np.testing.assert_array_equal(a.images, b.images)
-    np.testing.assert_array_equal(a.T_world_cam, b.T_world_cam)
-    np.testing.assert_array_equal(a.reference_image, b.reference_image)
-    assert a.source == b.source
 
 
 def test_each_ring_lies_in_its_box_and_fills_it() -> None:
@@ -68,7 +62,7 @@ def test_one_ring_at_factor_1_is_what_no_schedule_takes(tmp_path: Path) -> None:
     same = {"image_size": 16, "seed": 5, "n_reference_images": 1}
     ring = acquire(tmp_path / "ring", AcquisitionConfig(schedule=((4, 1.0),), **same), n_jobs=1)
     plain = acquire(tmp_path / "plain", AcquisitionConfig(4, **same), n_jobs=1)
-    _assert_same(ring, plain)
+    assert_same(ring, plain)
     np.testing.assert_array_equal(ring.pivot_ranges, plain.pivot_ranges)
 
 
@@ -81,7 +75,7 @@ def test_the_ranges_are_those_of_the_widest_ring(whole: PoseImageSet) -> None:
 
 @pytest.mark.slow
 def test_two_processes_give_the_images_of_one(tmp_path: Path, whole: PoseImageSet) -> None:
-    _assert_same(acquire(tmp_path, CONFIG, n_jobs=2), whole)
+    assert_same(acquire(tmp_path, CONFIG, n_jobs=2), whole)
 
 
 @pytest.mark.parametrize("at", [25, 50, 60])
@@ -94,7 +88,7 @@ def test_interrupted_rings_end_with_the_same_images(
 
     with pytest.raises(KeyboardInterrupt):
         acquire(tmp_path, CONFIG, n_jobs=1, on_progress=stop)
-    _assert_same(acquire(tmp_path, CONFIG, n_jobs=1), whole)
+    assert_same(acquire(tmp_path, CONFIG, n_jobs=1), whole)
     assert {path.name for path in tmp_path.iterdir()} == {
         "images.zarr",
         "meta.json",
