@@ -64,14 +64,11 @@ class Alignment:
     unlikeness : float
         Median absolute residual over that of the image about its own median; 0 is a perfect
         likeness, 1 tells nothing.
-    cost : float
-        Mean robust residual, to compare alignments of one image by.
     """
 
     p: Array
     covariance: Array
     unlikeness: float
-    cost: float
 
 
 def align(
@@ -100,25 +97,26 @@ def align(
     """
     seen = image.ravel()
     p = np.clip(start, -1.0, 1.0)
-    light = _first_light(model, model.linearise(p)[0], seen)
+    expected, interaction = model.linearise(p)
+    light = _first_light(model, expected, seen)
     for _ in range(max_iter):
-        columns, residuals = _linearise(model, p, light, seen)
+        columns, residuals = _weigh(model, expected, interaction, light, seen)
         weights = _tukey(residuals)
         hessian = ((columns * weights) @ columns.T).astype(float)
         hessian[np.diag_indices(len(hessian))] *= 1 + _DAMPING
         step = np.linalg.lstsq(hessian, columns @ (weights * residuals), rcond=1e-12)[0]
         p = np.clip(p + step[:6], -1.5, 1.5)
         light = light + step[6:]
+        expected, interaction = model.linearise(p)
         if np.abs(step[:6]).max() < tolerance:
             break
-    columns, residuals = _linearise(model, p, light, seen)
+    columns, residuals = _weigh(model, expected, interaction, light, seen)
     weights = _tukey(residuals)
     spread = float(np.median(np.abs(seen - np.median(seen)) * model.precision))
     return Alignment(
         p,
         _covariance(columns, residuals, weights, model.shape),
         float(np.median(np.abs(residuals)) / max(spread, 1e-6)),
-        float(np.mean(np.minimum(np.abs(residuals), CUT))),
     )
 
 
@@ -130,9 +128,10 @@ def _first_light(model: ImageModel, expected: Floats, seen: Floats) -> Array:
     return np.array([gain, float(np.median(seen - gain * expected)), 0.0])
 
 
-def _linearise(model: ImageModel, p: Array, light: Array, seen: Floats) -> tuple[Floats, Floats]:
+def _weigh(
+    model: ImageModel, expected: Floats, interaction: Floats, light: Array, seen: Floats
+) -> tuple[Floats, Floats]:
     """Derivatives by p, gain, offset and defocus, (9, n_pixels), and residuals, both weighed."""
-    expected, interaction = model.linearise(p)
     laplacian = cv2.Laplacian(
         expected.reshape(model.shape), cv2.CV_32F, borderType=cv2.BORDER_REPLICATE
     ).ravel()

@@ -30,12 +30,8 @@ def is_noise_only(estimates: Sequence[Estimate], pivot: float, settings: LoopSet
         and last[0].stage == last[1].stage
         and last[1].is_finest
         and all(_is_noise(estimate, pivot, settings) for estimate in last)
-        and _distance(last[1]) >= 0.5 * _distance(last[0])
+        and last[1].distance >= 0.5 * last[0].distance
     )
-
-
-def _distance(estimate: Estimate) -> float:
-    return float(np.linalg.norm(estimate.displacement[:3, 3]))
 
 
 def _is_noise(estimate: Estimate, pivot: float, settings: LoopSettings) -> bool:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import InvalidInputError
+from servoscope.positioning.appearance import shrink
 
 THUMBNAIL_SIZE = 64
 _BLUR = 2.0
@@ -25,10 +26,8 @@ def thumbnail(image: NDArray[np.uint8]) -> Thumbnail:
     >>> thumbnail(np.zeros((256, 128), np.uint8)).shape
     (64, 32)
     """
-    scale = min(1.0, THUMBNAIL_SIZE / max(image.shape))
-    height, width = (max(1, round(scale * side)) for side in image.shape)
-    small = cv2.resize(image.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
-    return cv2.GaussianBlur(small, (0, 0), _BLUR).astype(np.float32)
+    small = cv2.GaussianBlur(shrink(image, THUMBNAIL_SIZE), (0, 0), _BLUR)
+    return np.asarray(small, dtype=np.float32)
 
 
 def image_error(small: Thumbnail, small_reference: Thumbnail) -> float:

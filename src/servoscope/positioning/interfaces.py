@@ -77,6 +77,11 @@ class Estimate:
     stage: str
     is_finest: bool = True
 
+    @property
+    def distance(self) -> float:
+        """How far from the reference it believes the frame to be, [m]."""
+        return float(np.linalg.norm(self.displacement[:3, 3]))
+
 
 class Estimator(Protocol):
     """What turns an image into a displacement."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from servoscope.features.moments import PAPER_SLICES, compute_descriptors
 from servoscope.features.raw_moments import compute_raw_moments
+from servoscope.positioning.appearance import shrink
 
 Image = NDArray[np.uint8]
 Vector = NDArray[np.float32]
@@ -30,7 +31,7 @@ def moments(image: Image) -> Vector:
 
 def grey(image: Image) -> Vector:
     """The image itself made small, of unit length (after eq. 8 of the paper)."""
-    return _unit(_small(image, GREY_SIZE))
+    return _unit(shrink(image, GREY_SIZE))
 
 
 def local(image: Image) -> Vector:
@@ -45,7 +46,7 @@ def local(image: Image) -> Vector:
     >>> np.allclose(local(2 * image + 9), local(image), atol=1e-5)
     True
     """
-    small = _blurred(_small(image, LOCAL_SIZE), _BLUR)
+    small = _blurred(shrink(image, LOCAL_SIZE), _BLUR)
     contrast = small - _blurred(small, _NEIGHBOURHOOD)
     scale = np.sqrt(_blurred(contrast * contrast, _NEIGHBOURHOOD))
     return _unit(_divided(contrast, scale, 0.5 * np.median(scale)))
@@ -102,19 +103,12 @@ PREPARATIONS: dict[str, Callable[[Image], Vector]] = {
 """What can be made of an image, by name."""
 
 
-def _small(image: Image, size: int) -> NDArray[np.float32]:
-    scale = min(1.0, size / max(image.shape))
-    height, width = (max(1, round(scale * side)) for side in image.shape)
-    whole = image.astype(np.float32)
-    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
-
-
 def _blurred(values: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
     return np.asarray(cv2.GaussianBlur(values, (0, 0), sigma))
 
 
 def _normalised_slopes(image: Image, size: int) -> NDArray[np.float32]:
-    small = _blurred(_small(image, size), _BLUR)
+    small = _blurred(shrink(image, size), _BLUR)
     slopes = np.empty((2, *small.shape), np.float32)
     slopes[0], slopes[1] = cv2.Sobel(small, -1, 1, 0), cv2.Sobel(small, -1, 0, 1)
     magnitude = np.hypot(slopes[0], slopes[1])

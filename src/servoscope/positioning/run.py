@@ -123,7 +123,7 @@ class Run:
         errors = [step.image_error for step in self.steps]
         if guard.is_diverging(errors, settings.growth):
             return RunEnded("diverged", _divergence_message(errors))
-        believed = [float(np.linalg.norm(s.estimate.displacement[:3, 3])) for s in self.steps]
+        believed = [step.estimate.distance for step in self.steps]
         if not estimate.is_finest and guard.is_wandering(believed, int(settings.patience)):
             return RunEnded("diverged", _wandering_message(estimate, settings))
         if arrived := self._arrival(estimate):

@@ -20,7 +20,7 @@ from servoscope.processes import one_blas_thread
 Array = NDArray[np.float64]
 
 N_STAGES = 3
-"""Stages of training that progress is told of: networks, levels, and what they reach."""
+"""Stages of training that progress is told of: levels, networks, and what they reach."""
 
 _OUTER = 0.3
 _MOST_CHECKED = 40

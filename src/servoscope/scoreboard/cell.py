@@ -24,9 +24,9 @@ _STARTS, _TRIALS = 20, 21
 """What random numbers are drawn for; those of acquisitions are numbered from 0."""
 
 
-def scene_of_training(scene: str, image_size: int) -> Scene:
+def scene_of_training(part: str, image_size: int, variant: int = 0) -> Scene:
     """The scene that the methods are made for."""
-    return Scene(part=make_part(scene), image_size=image_size)
+    return Scene(part=make_part(part, variant), image_size=image_size)
 
 
 def start_pose(seed: int, start: int, factor: float) -> Array:
@@ -68,7 +68,7 @@ def robot_in_cell(
         If it cannot carry the camera there.
     """
     changes = CONDITIONS[condition]
-    trained = Scene(part=make_part(part, variant), image_size=image_size)
+    trained = scene_of_training(part, image_size, variant)
     seen = changes.change(trained, start + 1000 * seed)
     T_world_cam = start_pose(seed, start, changes.factor)
     number = list(CONDITIONS).index(condition)
