@@ -175,6 +175,17 @@ def test_debug_shows_where_an_error_came_from(capsys):
     assert "Traceback" in capsys.readouterr().err
 
 
+def test_called_from_python_it_leaves_ctrl_c_as_it_was(monkeypatch, capsys):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("servoscope.commands.info.describe_installation", interrupted)
+    before = signal.getsignal(signal.SIGINT)
+    assert main(["info"]) == 130
+    assert signal.getsignal(signal.SIGINT) is before
+    assert capsys.readouterr().err.startswith("servoscope: interrupted")
+
+
 def test_the_command_line_starts_without_what_only_some_commands_need():
     code = (
         "import sys, servoscope.cli as cli; cli._app(); "

@@ -27,12 +27,19 @@ shows where an error came from; --version tells the version."""
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command.
 
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Those of the process by default. It then ends, and once interrupted hears no further
+        Ctrl-C; with arguments given, Ctrl-C is heard afterwards as it was before.
+
     Returns
     -------
     int
         0 done, 1 failed with one line on standard error, 130 interrupted. Wrong usage exits
         with 2.
     """
+    is_whole_process = arguments is None
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in arguments
     arguments = [argument for argument in arguments if argument != "--debug"]
@@ -52,9 +59,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         sys.stdout.flush()
     except KeyboardInterrupt:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second one must not disturb the end
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second would disturb the end
         stop_processes()
-        return _fail("interrupted; what is finished is kept, and can be gone on with", 130)
+        code = _fail("interrupted; what is finished is kept, and can be gone on with", 130)
+        if not is_whole_process:
+            signal.signal(signal.SIGINT, before)
+        return code
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
