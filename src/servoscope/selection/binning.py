@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from servoscope.compiled import compiled
 from servoscope.errors import InvalidInputError
+from servoscope.selection.tables import as_table, check_span
 
 MAX_BINS = 256
 """More bins than a byte can number are of no use: the bias of the information, about
@@ -46,38 +47,15 @@ def bin_codes(X: ArrayLike, n_bins: int = 10, name: str = "X") -> Codes:
     array([[0, 1, 3, 3]], dtype=uint8)
     """
     _check_n_bins(n_bins)
-    values = _table(X, name)
+    values = as_table(X, name)
     low, high = values.min(axis=0), values.max(axis=0)
-    _check_span(low, high, name)
+    check_span(low, high, name)
     return _codes(values, low, high, n_bins)
 
 
 def _check_n_bins(n_bins: int) -> None:
     if not isinstance(n_bins, int | np.integer) or not 2 <= n_bins <= MAX_BINS:
         raise InvalidInputError(f"n_bins must be an integer from 2 to {MAX_BINS}, got {n_bins!r}.")
-
-
-def _table(X: ArrayLike, name: str) -> NDArray[np.float64]:
-    try:
-        values = np.ascontiguousarray(X, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidInputError(f"{name} must be an array of numbers ({error}).") from error
-    if values.ndim != 2 or 0 in values.shape:
-        raise InvalidInputError(
-            f"{name} must be a table of shape (n_samples, n_columns) with at least one of each, "
-            f"got the shape {values.shape}."
-        )
-    return values
-
-
-def _check_span(low: NDArray[np.float64], high: NDArray[np.float64], name: str) -> None:
-    with np.errstate(over="ignore", invalid="ignore"):
-        bad = np.flatnonzero(~np.isfinite(high - low))
-    if bad.size:
-        raise InvalidInputError(
-            f"{name} must be finite and span less than 1.8e308, but column {bad[0]} holds NaN, "
-            f"infinity or larger numbers ({bad.size} such columns); remove or mend those values."
-        )
 
 
 @compiled()

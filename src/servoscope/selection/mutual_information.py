@@ -6,11 +6,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from servoscope.compiled import compiled
-from servoscope.errors import InvalidInputError
 from servoscope.selection.binning import Codes, bin_codes
-
-_TABLE_LENGTH = 4096
-"""Counts up to this one find their n log n in a table that stays in the cache."""
+from servoscope.selection.histogram_sums import (
+    joint_counts,
+    n_log_n,
+    n_log_n_table,
+    sum_n_log_n,
+)
+from servoscope.selection.tables import check_as_many
 
 
 def mutual_information(X: ArrayLike, y: ArrayLike, n_bins: int = 10) -> NDArray[np.float64]:
@@ -50,15 +53,8 @@ def mutual_information(X: ArrayLike, y: ArrayLike, n_bins: int = 10) -> NDArray[
     >>> mutual_information(np.column_stack([x, -x, np.zeros(1000)]), x).round(3)
     array([3.322, 3.322, 0.   ])
     """
-    y = np.asarray(y)
-    targets = y[:, None] if y.ndim == 1 else y
-    codes, target_codes = bin_codes(X, n_bins), bin_codes(targets, n_bins, name="y")
-    if codes.shape[1] != target_codes.shape[1]:
-        raise InvalidInputError(
-            f"X and y must have as many samples, got {codes.shape[1]} and {target_codes.shape[1]}."
-        )
-    information = _information(codes, target_codes, n_bins, _n_log_n_table(codes.shape[1]))
-    return information[:, 0] if y.ndim == 1 else information
+    information = information_of_codes(*bin_samples(X, y, n_bins), n_bins)
+    return information[:, 0] if np.ndim(y) == 1 else information
 
 
 def pairwise_mutual_information(X: ArrayLike, n_bins: int = 10) -> NDArray[np.float64]:
@@ -87,12 +83,21 @@ def pairwise_mutual_information(X: ArrayLike, n_bins: int = 10) -> NDArray[np.fl
            [2., 2.]])
     """
     codes = bin_codes(X, n_bins)
-    return _pairwise_information(codes, n_bins, _n_log_n_table(codes.shape[1]))
+    return _pairwise_information(codes, n_bins, n_log_n_table(codes.shape[1]))
 
 
-def _n_log_n_table(n_samples: int) -> NDArray[np.float64]:
-    n = np.arange(1, min(n_samples, _TABLE_LENGTH) + 1)
-    return np.concatenate([[0.0], n * np.log2(n)])
+def bin_samples(X: ArrayLike, y: ArrayLike, n_bins: int) -> tuple[Codes, Codes]:
+    """Bins of the features and of the targets, one row a variable."""
+    y = np.asarray(y)
+    targets = y[:, None] if y.ndim == 1 else y
+    codes, target_codes = bin_codes(X, n_bins), bin_codes(targets, n_bins, name="y")
+    check_as_many(codes.shape[1], target_codes.shape[1])
+    return codes, target_codes
+
+
+def information_of_codes(a: Codes, b: Codes, n_bins: int) -> NDArray[np.float64]:
+    """Mutual information of every variable of `a` with every variable of `b`, [bits]."""
+    return _information(a, b, n_bins, n_log_n_table(a.shape[1]))
 
 
 @compiled()
@@ -123,10 +128,7 @@ def _pairwise_information(a: Codes, n_bins: int, table: NDArray[np.float64]) -> 
 @compiled()
 def _joint_sum(a: Codes, b: Codes, n_bins: int, table: NDArray[np.float64]) -> float:
     """Sum of n log2 n over the cells of the joint histogram of two variables."""
-    counts = np.zeros((n_bins, n_bins), np.int32)
-    for i in range(len(a)):
-        counts[a[i], b[i]] += 1
-    return _sum_n_log_n(counts.ravel(), table)
+    return sum_n_log_n(joint_counts(a, b, n_bins).ravel(), table)
 
 
 @compiled()
@@ -137,21 +139,8 @@ def _marginal_sums(a: Codes, n_bins: int, table: NDArray[np.float64]) -> NDArray
         counts = np.zeros(n_bins, np.int32)
         for code in a[i]:
             counts[code] += 1
-        sums[i] = _sum_n_log_n(counts, table)
+        sums[i] = sum_n_log_n(counts, table)
     return sums
-
-
-@compiled()
-def _sum_n_log_n(counts: NDArray[np.int32], table: NDArray[np.float64]) -> float:
-    total = 0.0
-    for n in counts:
-        total += _n_log_n(n, table)
-    return total
-
-
-@compiled()
-def _n_log_n(n: int, table: NDArray[np.float64]) -> float:
-    return table[n] if n < len(table) else n * np.log2(n)
 
 
 @compiled()
@@ -159,5 +148,5 @@ def _bits(
     joint: float, sum_a: float, sum_b: float, n_samples: int, table: NDArray[np.float64]
 ) -> float:
     # In this order the terms cancel to exactly 0 when one of the variables is constant.
-    total = (joint - sum_b) + (_n_log_n(n_samples, table) - sum_a)
+    total = (joint - sum_b) + (n_log_n(n_samples, table) - sum_a)
     return max(total / n_samples, 0.0)

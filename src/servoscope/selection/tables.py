@@ -1,0 +1,63 @@
+"""Checks of the tables of samples that every estimate starts from."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from servoscope.errors import InvalidInputError
+
+
+def as_table(X: ArrayLike, name: str = "X") -> NDArray[np.float64]:
+    """A contiguous table of numbers, one row a sample; its values may be NaN or infinite.
+
+    Raises
+    ------
+    InvalidInputError
+        If `X` is not a table of numbers with a sample and a column.
+    """
+    try:
+        values = np.ascontiguousarray(X, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(f"{name} must be an array of numbers ({error}).") from error
+    if values.ndim != 2 or 0 in values.shape:
+        raise InvalidInputError(
+            f"{name} must be a table of shape (n_samples, n_columns) with at least one of each, "
+            f"got the shape {values.shape}."
+        )
+    return values
+
+
+def check_span(low: NDArray[np.float64], high: NDArray[np.float64], name: str = "X") -> None:
+    """Raise InvalidInputError unless the least and greatest value of each column span a number."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        bad = np.flatnonzero(~np.isfinite(high - low))
+    if bad.size:
+        raise InvalidInputError(
+            f"{name} must be finite and span less than 1.8e308, but column {bad[0]} holds NaN, "
+            f"infinity or larger numbers ({bad.size} such columns); remove or mend those values."
+        )
+
+
+def as_samples(X: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Features and targets as finite tables of as many samples; one target is one column.
+
+    Raises
+    ------
+    InvalidInputError
+        If either is no table of finite numbers, or the numbers of samples differ.
+    """
+    y = np.asarray(y)
+    features, targets = as_table(X), as_table(y[:, None] if y.ndim == 1 else y, "y")
+    check_span(features.min(axis=0), features.max(axis=0))
+    check_span(targets.min(axis=0), targets.max(axis=0), "y")
+    check_as_many(len(features), len(targets))
+    return features, targets
+
+
+def check_as_many(n_features_samples: int, n_target_samples: int) -> None:
+    """Raise InvalidInputError unless X and y have as many samples."""
+    if n_features_samples != n_target_samples:
+        raise InvalidInputError(
+            f"X and y must have as many samples, got {n_features_samples} and {n_target_samples}."
+        )
