@@ -2,11 +2,16 @@ from .acquisition import AcquisitionConfig as AcquisitionConfig
 from .acquisition import acquire as acquire
 from .dataset import PoseImageSet as PoseImageSet
 from .errors import ServoscopeError as ServoscopeError
+from .features import CosineCoefficients as CosineCoefficients
 from .features import Eigenfeatures as Eigenfeatures
+from .features import FourierFeatures as FourierFeatures
 from .features import GeometricMoments as GeometricMoments
 from .features import ImageBasis as ImageBasis
+from .features import ImageProjections as ImageProjections
 from .features import LocalFeatureAnalysis as LocalFeatureAnalysis
+from .features import LogPolarFeatures as LogPolarFeatures
 from .features import PoseImageCovariance as PoseImageCovariance
+from .features import TchebichefMoments as TchebichefMoments
 from .features import compute_image_basis as compute_image_basis
 from .formats import ImportOptions as ImportOptions
 from .formats import TumOptions as TumOptions

@@ -11,20 +11,29 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 import servoscope as sv
 from servoscope.errors import InvalidInputError
 
+FIXED = [
+    sv.TchebichefMoments(),
+    sv.CosineCoefficients(),
+    sv.FourierFeatures(),
+    sv.ImageProjections(),
+    sv.LogPolarFeatures(),
+]
+
 # The checks use flat "images" of as few as two pixels, so bases and windows are small here.
 CHECKED = [
     sv.GeometricMoments(),
     sv.Eigenfeatures(n_components=1),
     sv.PoseImageCovariance(),
     sv.LocalFeatureAnalysis(n_components=1, n_per_dof=1, window=2),
+    *FIXED,
 ]
 
-FAMILIES = [
-    sv.GeometricMoments(),
+LEARNED = [
     sv.Eigenfeatures(n_components=5),
     sv.PoseImageCovariance(),
     sv.LocalFeatureAnalysis(n_components=5, n_per_dof=2, window=6),
 ]
+FAMILIES = [*LEARNED, sv.GeometricMoments(), *FIXED]
 
 each_family = pytest.mark.parametrize("family", FAMILIES, ids=lambda f: type(f).__name__)
 
@@ -107,7 +116,7 @@ def test_no_images_are_refused(family, images, delta_p):
         clone(family).fit(images[:0], delta_p[:0])
 
 
-@pytest.mark.parametrize("family", FAMILIES[1:], ids=lambda f: type(f).__name__)
+@pytest.mark.parametrize("family", LEARNED, ids=lambda f: type(f).__name__)
 def test_one_image_is_too_few_to_vary(family, images, delta_p):
     with pytest.raises(InvalidInputError, match="minimum of 2 is required"):
         clone(family).fit(images[:1], delta_p[:1])

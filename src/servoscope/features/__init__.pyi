@@ -1,6 +1,11 @@
+from .cosine import CosineCoefficients as CosineCoefficients
 from .eigenfeatures import Eigenfeatures as Eigenfeatures
+from .fourier import FourierFeatures as FourierFeatures
 from .image_basis import ImageBasis as ImageBasis
 from .image_basis import compute_image_basis as compute_image_basis
 from .lfa import LocalFeatureAnalysis as LocalFeatureAnalysis
+from .log_polar import LogPolarFeatures as LogPolarFeatures
 from .moments import GeometricMoments as GeometricMoments
 from .pose_covariance import PoseImageCovariance as PoseImageCovariance
+from .projections import ImageProjections as ImageProjections
+from .tchebichef import TchebichefMoments as TchebichefMoments

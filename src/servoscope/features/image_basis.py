@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from servoscope.errors import InvalidInputError
-from servoscope.features.pixel_blocks import map_blocks, working_dtype
+from servoscope.features.pixel_blocks import working_dtype
 from servoscope.features.pixels import ImageShape, check_finite, flatten_images
+from servoscope.features.snapshots import extremes_made_positive, mean_and_gram, sum_images
 from servoscope.processes import one_blas_thread
 
 
@@ -119,11 +120,11 @@ def compute_image_basis(
             f"{n_components} eigenvectors need at least {n_components + 1} images, got "
             f"{len(flat)} (n_samples = {len(flat)}); lower n_components or take more images."
         )
-    mean, gram = _mean_and_gram(flat)
+    mean, gram = mean_and_gram(flat)
     precision = float(np.finfo(working_dtype(flat)).eps)
     eigenvalues, vectors = _leading_eigenpairs(gram, n_components, precision)
-    components = _components(flat, mean, vectors / np.sqrt(eigenvalues))
-    return ImageBasis(image_shape, eigenvalues, mean, components)
+    components = sum_images(flat, mean, vectors / np.sqrt(eigenvalues))
+    return ImageBasis(image_shape, eigenvalues, mean, extremes_made_positive(components))
 
 
 def fitted_basis(
@@ -156,14 +157,6 @@ def check_n_components(n_components: int) -> None:
         )
 
 
-def _mean_and_gram(flat: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    mean, gram = np.empty(flat.shape[1]), np.zeros((len(flat), len(flat)))
-    for pixels, block_mean, part in map_blocks(lambda block, _: block @ block.T, flat):
-        mean[pixels] = block_mean
-        gram += part
-    return mean, gram
-
-
 def _leading_eigenpairs(
     gram: NDArray[np.float64], n_components: int, precision: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -181,16 +174,3 @@ def _leading_eigenpairs(
             "which they vary; lower n_components or take images that differ more."
         )
     return eigenvalues.copy(), vectors
-
-
-def _components(
-    flat: NDArray[Any], mean: NDArray[np.float64], weights: NDArray[np.float64]
-) -> NDArray[Any]:
-    """``(X weights)^T`` with the entry of largest magnitude in each row positive."""
-    weights = weights.astype(working_dtype(flat))
-    components = np.empty((weights.shape[1], flat.shape[1]), weights.dtype)
-    for pixels, _, part in map_blocks(lambda block, _: weights.T @ block, flat, mean):
-        components[:, pixels] = part
-    extremes = components[np.arange(len(components)), np.abs(components).argmax(axis=1)]
-    components *= np.sign(extremes)[:, None]
-    return components

@@ -36,6 +36,30 @@ def working_dtype(flat: NDArray[Any]) -> type[np.floating[Any]]:
     return np.float32 if flat.dtype in (np.uint8, np.float32) else np.float64
 
 
+def brightness_gains(flat: NDArray[Any]) -> NDArray[Any]:
+    """What each image is multiplied with to have unit length; 0 for a black one.
+
+    Raises
+    ------
+    InvalidInputError
+        If pixels are so large that their squares have no finite sum.
+
+    Examples
+    --------
+    >>> brightness_gains(np.array([[3.0, 4.0], [0.0, 0.0]]))
+    array([0.2, 0. ])
+    """
+    norms = brightness_norms(flat)
+    unbounded = np.flatnonzero(~np.isfinite(norms))
+    if unbounded.size:
+        raise InvalidInputError(
+            "Pixels must be small enough for their squares to be summed, but those of image "
+            f"{unbounded[0]} are not; scale the images down."
+        )
+    gains = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
+    return gains.astype(working_dtype(flat))
+
+
 def map_blocks(
     compute: Callable[[NDArray[Any], slice], Any],
     flat: NDArray[Any],
@@ -75,7 +99,7 @@ def map_blocks(
     Each image is divided by its Euclidean length (after eq. 8). An all-black image, which has
     none, stays black.
     """
-    gain = _gains(flat)
+    gain = brightness_gains(flat)
 
     def work(pixels: slice) -> BlockResult:
         block = flat[:, pixels].astype(gain.dtype)
@@ -136,16 +160,3 @@ def _map_in_threads(
                 yield pending.popleft().result()
         while pending:
             yield pending.popleft().result()
-
-
-def _gains(flat: NDArray[Any]) -> NDArray[Any]:
-    """What each image is multiplied with to have unit length."""
-    norms = brightness_norms(flat)
-    unbounded = np.flatnonzero(~np.isfinite(norms))
-    if unbounded.size:
-        raise InvalidInputError(
-            "Pixels must be small enough for their squares to be summed, but those of image "
-            f"{unbounded[0]} are not; scale the images down."
-        )
-    gains = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
-    return gains.astype(working_dtype(flat))
