@@ -1,28 +1,59 @@
 """Which features to use: mutual information, ranking, and minimum subsets."""
 
 # Not loaded lazily: the function `mutual_information` must hide the module of that name.
+from servoscope.selection.bias import corrected_mutual_information, information_bias
 from servoscope.selection.binning import bin_codes
+from servoscope.selection.candidates import Candidates
+from servoscope.selection.cmim import rank_cmim
+from servoscope.selection.conditional import rank_conditional
+from servoscope.selection.criteria import CRITERIA
+from servoscope.selection.equal_frequency import equal_frequency_information
+from servoscope.selection.estimators import ESTIMATORS, estimate_information, ksg_information
+from servoscope.selection.gaussian_copula import gaussian_copula_information
 from servoscope.selection.ideal_point import rank_ideal_point
+from servoscope.selection.ideal_point_corrected import (
+    rank_ideal_point_corrected,
+    redundancy_bias,
+)
+from servoscope.selection.jmi import rank_jmi
+from servoscope.selection.mrmr import rank_mrmr
 from servoscope.selection.mutual_information import (
     mutual_information,
     pairwise_mutual_information,
 )
 from servoscope.selection.ranking import Ranking
-from servoscope.selection.selector import CRITERIA, MutualInfoSelector
+from servoscope.selection.selector import MutualInfoSelector
+from servoscope.selection.significance import InformationTest, information_test
 from servoscope.selection.stability import OrderStability, order_stability
 from servoscope.selection.sweep import ThresholdSubset, best_subset, threshold_subsets
 
 __all__ = [
     "CRITERIA",
+    "ESTIMATORS",
+    "Candidates",
+    "InformationTest",
     "MutualInfoSelector",
     "OrderStability",
     "Ranking",
     "ThresholdSubset",
     "best_subset",
     "bin_codes",
+    "corrected_mutual_information",
+    "equal_frequency_information",
+    "estimate_information",
+    "gaussian_copula_information",
+    "information_bias",
+    "information_test",
+    "ksg_information",
     "mutual_information",
     "order_stability",
     "pairwise_mutual_information",
+    "rank_cmim",
+    "rank_conditional",
     "rank_ideal_point",
+    "rank_ideal_point_corrected",
+    "rank_jmi",
+    "rank_mrmr",
+    "redundancy_bias",
     "threshold_subsets",
 ]

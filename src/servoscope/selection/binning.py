@@ -46,14 +46,15 @@ def bin_codes(X: ArrayLike, n_bins: int = 10, name: str = "X") -> Codes:
     >>> bin_codes([[0.0], [0.5], [1.9], [2.0]], n_bins=4)
     array([[0, 1, 3, 3]], dtype=uint8)
     """
-    _check_n_bins(n_bins)
+    check_n_bins(n_bins)
     values = as_table(X, name)
     low, high = values.min(axis=0), values.max(axis=0)
     check_span(low, high, name)
     return _codes(values, low, high, n_bins)
 
 
-def _check_n_bins(n_bins: int) -> None:
+def check_n_bins(n_bins: int) -> None:
+    """Raise InvalidInputError unless `n_bins` is an integer from 2 to `MAX_BINS`."""
     if not isinstance(n_bins, int | np.integer) or not 2 <= n_bins <= MAX_BINS:
         raise InvalidInputError(f"n_bins must be an integer from 2 to {MAX_BINS}, got {n_bins!r}.")
 

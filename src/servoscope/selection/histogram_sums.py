@@ -13,14 +13,14 @@ _TABLE_LENGTH = 4096
 
 
 def n_log_n_table(n_samples: int) -> NDArray[np.float64]:
-    """n log2 n for every count that is likely among `n_samples`."""
+    """The numbers n log2 n of every count that is likely among `n_samples`."""
     n = np.arange(1, min(n_samples, _TABLE_LENGTH) + 1)
     return np.concatenate([[0.0], n * np.log2(n)])
 
 
 @compiled()
 def n_log_n(n: int, table: NDArray[np.float64]) -> float:
-    """n log2 n, from the table where it reaches so far."""
+    """One number n log2 n, from the table where it reaches so far."""
     return table[n] if n < len(table) else n * np.log2(n)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from servoscope.errors import InvalidInputError
+from servoscope.selection.greedy import rank_greedily
 from servoscope.selection.ranking import Ranking
 
 
@@ -57,23 +58,17 @@ def rank_ideal_point(relevance: ArrayLike, pairwise: ArrayLike, n_features: int)
     >>> ranking.redundancy
     array([0. , 0.1, 3.1])
     """
-    relevance, pairwise = _checked(relevance, pairwise, n_features)
-    n_steps = min(n_features, len(relevance))
-    order = np.empty(n_steps, dtype=np.intp)
-    redundancies = np.empty((n_steps, len(relevance)))
-    redundancy = np.zeros(len(relevance))
-    for step in range(n_steps):
-        redundancies[step] = redundancy
+    relevance, pairwise = _checked(relevance, pairwise)
+
+    def nearness(_: list[int], redundancy: NDArray[np.float64]) -> NDArray[np.float64]:
         best = relevance[~np.isnan(redundancy)].max()
-        chosen = np.nanargmin(redundancy**2 + (best - relevance) ** 2)
-        order[step] = chosen
-        redundancy = redundancy + pairwise[chosen]
-        redundancy[chosen] = np.nan
-    return Ranking(order, relevance, redundancies)
+        return -(redundancy**2 + (best - relevance) ** 2)
+
+    return rank_greedily(relevance, pairwise, n_features, nearness)
 
 
 def _checked(
-    relevance: ArrayLike, pairwise: ArrayLike, n_features: int
+    relevance: ArrayLike, pairwise: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     relevance, pairwise = np.asarray(relevance, dtype=float), np.asarray(pairwise, dtype=float)
     n_candidates = relevance.size
@@ -87,6 +82,4 @@ def _checked(
             f"relevance and pairwise must be finite and not empty, got {n_candidates} candidates "
             "and perhaps NaN or infinity among them."
         )
-    if n_features < 1:
-        raise InvalidInputError(f"n_features must be 1 or more, got {n_features}.")
     return relevance, pairwise

@@ -13,7 +13,7 @@ from servoscope.selection.histogram_sums import (
     n_log_n_table,
     sum_n_log_n,
 )
-from servoscope.selection.tables import check_as_many
+from servoscope.selection.tables import check_as_many, one_column_each
 
 
 def mutual_information(X: ArrayLike, y: ArrayLike, n_bins: int = 10) -> NDArray[np.float64]:
@@ -53,8 +53,8 @@ def mutual_information(X: ArrayLike, y: ArrayLike, n_bins: int = 10) -> NDArray[
     >>> mutual_information(np.column_stack([x, -x, np.zeros(1000)]), x).round(3)
     array([3.322, 3.322, 0.   ])
     """
-    information = information_of_codes(*bin_samples(X, y, n_bins), n_bins)
-    return information[:, 0] if np.ndim(y) == 1 else information
+    codes, targets = bin_samples(X, y, n_bins)
+    return one_column_each(information_of_codes(codes, targets, n_bins), y)
 
 
 def pairwise_mutual_information(X: ArrayLike, n_bins: int = 10) -> NDArray[np.float64]:

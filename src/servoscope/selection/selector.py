@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from numbers import Integral
 
 import numpy as np
@@ -13,17 +12,8 @@ from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from servoscope.errors import InvalidInputError
-from servoscope.selection.ideal_point import rank_ideal_point
-from servoscope.selection.mutual_information import (
-    mutual_information,
-    pairwise_mutual_information,
-)
-from servoscope.selection.ranking import Ranking
-
-CRITERIA: dict[str, Callable[[ArrayLike, ArrayLike, int], Ranking]] = {
-    "ideal_point": rank_ideal_point,
-}
-"""Rules that rank features by their relevance to the target and pairwise information."""
+from servoscope.selection.candidates import Candidates
+from servoscope.selection.criteria import CRITERIA, Criterion
 
 
 class MutualInfoSelector(SelectorMixin, BaseEstimator):
@@ -33,8 +23,10 @@ class MutualInfoSelector(SelectorMixin, BaseEstimator):
     ----------
     n_features : int
         How many features to select; all of them if there are fewer.
-    criterion : {"ideal_point"}
-        The rule that selects the next feature; see `rank_ideal_point`.
+    criterion : str or callable
+        The rule that selects the next feature, by its name in `CRITERIA` (``"ideal_point"``,
+        ``"ideal_point_corrected"``, ``"mrmr"``, ``"jmi"``, ``"cmim"``, ``"conditional"``), or a
+        function from `Candidates` and a number of features to a `Ranking`.
     n_bins : int
         Number of equal-width bins over the observed range of each variable, 2 to 256.
 
@@ -48,7 +40,8 @@ class MutualInfoSelector(SelectorMixin, BaseEstimator):
         Sum of the information, about the features selected before it, of the feature selected
         at each step, [bits].
     mutual_information_ : ndarray of shape (n_features_in_,)
-        Information of every feature about the target, [bits].
+        Information of every feature about the target, [bits]; like the redundancy, as the
+        criterion takes it.
     candidate_redundancy_ : ndarray of shape (n_selected, n_features_in_)
         Redundancy of every candidate at each step, [bits]; NaN once a feature is selected.
         With `mutual_information_` these are the points of the selection plane.
@@ -70,7 +63,9 @@ class MutualInfoSelector(SelectorMixin, BaseEstimator):
     array(['x0', 'x2'], dtype=object)
     """
 
-    def __init__(self, n_features: int = 24, criterion: str = "ideal_point", n_bins: int = 10):
+    def __init__(
+        self, n_features: int = 24, criterion: str | Criterion = "ideal_point", n_bins: int = 10
+    ):
         self.n_features = n_features
         self.criterion = criterion
         self.n_bins = n_bins
@@ -96,26 +91,28 @@ class MutualInfoSelector(SelectorMixin, BaseEstimator):
         ValueError
             If `X` is no table, or `y` is not one finite number a sample.
         """
-        if self.criterion not in CRITERIA:
-            raise InvalidInputError(
-                f"criterion must be one of {', '.join(CRITERIA)}, got {self.criterion!r}."
-            )
+        criterion = self._criterion()
         if not isinstance(self.n_features, Integral) or self.n_features < 1:
             raise InvalidInputError(
                 f"n_features must be an integer of 1 or more, got {self.n_features!r}."
             )
         X, y = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_all_finite=False)
-        ranking = CRITERIA[self.criterion](
-            mutual_information(X, y, self.n_bins),
-            pairwise_mutual_information(X, self.n_bins),
-            int(self.n_features),
-        )
+        ranking = criterion(Candidates(X, y, self.n_bins), int(self.n_features))
         self.ranking_: NDArray[np.intp] = ranking.order
         self.relevance_ = ranking.relevance
         self.redundancy_ = ranking.redundancy
         self.mutual_information_ = ranking.candidate_relevance
         self.candidate_redundancy_ = ranking.candidate_redundancy
         return self
+
+    def _criterion(self) -> Criterion:
+        if callable(self.criterion):
+            return self.criterion
+        if self.criterion not in CRITERIA:
+            raise InvalidInputError(
+                f"criterion must be one of {', '.join(CRITERIA)}, got {self.criterion!r}."
+            )
+        return CRITERIA[self.criterion]
 
     def _get_support_mask(self) -> NDArray[np.bool_]:
         check_is_fitted(self)

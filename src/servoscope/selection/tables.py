@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -53,6 +55,11 @@ def as_samples(X: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray
     check_span(targets.min(axis=0), targets.max(axis=0), "y")
     check_as_many(len(features), len(targets))
     return features, targets
+
+
+def one_column_each(values: NDArray[Any], y: ArrayLike) -> NDArray[Any]:
+    """Values of shape (n_features, n_targets), or (n_features,) if `y` is one-dimensional."""
+    return values[:, 0] if np.ndim(y) == 1 else values
 
 
 def check_as_many(n_features_samples: int, n_target_samples: int) -> None:

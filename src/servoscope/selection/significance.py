@@ -1,0 +1,160 @@
+"""Which features tell anything of a target at all: tests against chance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from servoscope.errors import InvalidInputError
+from servoscope.selection.bias import degrees_of_freedom
+from servoscope.selection.binning import Codes
+from servoscope.selection.mutual_information import bin_samples, information_of_codes
+from servoscope.selection.surrogates import REARRANGEMENTS, rearrangements
+from servoscope.selection.tables import one_column_each
+
+NULLS = ("chi_square", *REARRANGEMENTS)
+"""What unrelated variables are supposed to show."""
+
+_ROUNDING = 1e-12
+"""Information that is as much as the observed but for the order of its summation, [bits]."""
+
+
+@dataclass(frozen=True, eq=False)
+class InformationTest:
+    """Information of every feature about every target, and whether it is more than chance.
+
+    All arrays have the shape (n_features,) or (n_features, n_targets).
+
+    Parameters
+    ----------
+    information : ndarray
+        As `mutual_information` gives it, [bits].
+    null_mean : ndarray
+        What it would be on the average for unrelated variables, [bits].
+    p_values : ndarray
+        Chance that unrelated variables show as much or more.
+    significant : ndarray of bool
+        Those that are found when at most a share of `level` of all that are found is to be wrong.
+    level : float
+    """
+
+    information: NDArray[np.float64]
+    null_mean: NDArray[np.float64]
+    p_values: NDArray[np.float64]
+    significant: NDArray[np.bool_]
+    level: float
+
+    @property
+    def corrected(self) -> NDArray[np.float64]:
+        """Information above the mean of chance, [bits]; below 0 where there is less."""
+        return self.information - self.null_mean
+
+
+def information_test(
+    X: ArrayLike,
+    y: ArrayLike,
+    n_bins: int = 10,
+    *,
+    null: str = "chi_square",
+    level: float = 0.05,
+    n_permutations: int = 999,
+    block_length: int | None = None,
+    random_state: int = 0,
+) -> InformationTest:
+    """Test every feature for information about every target.
+
+    Parameters
+    ----------
+    X : array of shape (n_samples, n_features)
+    y : array of shape (n_samples,) or (n_samples, n_targets)
+    n_bins : int
+        Equal-width bins over the observed range of each variable.
+    null : {"chi_square", "shuffle", "blocks", "shifts"}
+        Where the p-values come from. The first two suppose independent samples. For the images of
+        a sequence, which resemble their neighbours, they find information everywhere: take
+        ``"shifts"``, or ``"blocks"`` with blocks several times as long as the resemblance.
+    level : float
+        Greatest expected share of wrong findings among all features and targets together.
+    n_permutations : int
+        Rearrangements of the targets. No p-value is below ``1 / (n_permutations + 1)``.
+    block_length : int, optional
+        Samples in a block, for ``"blocks"``.
+    random_state : int
+
+    Returns
+    -------
+    InformationTest
+
+    Raises
+    ------
+    InvalidInputError
+        If the samples do not fit, or a parameter is out of range.
+
+    Notes
+    -----
+    ``2 n ln 2`` times the information of unrelated variables is chi-square distributed with
+    ``(K_x - 1) (K_y - 1)`` degrees of freedom for many samples, ``K`` being the numbers of
+    occupied bins. Where cells expect less than about one sample, as in the tails of equal-width
+    bins, the true mean is less and the test errs on the safe side. The findings are those of
+    Benjamini and Hochberg (1995).
+
+    References
+    ----------
+    Y. Benjamini and Y. Hochberg, "Controlling the false discovery rate", Journal of the Royal
+    Statistical Society B 57, 1995.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> X = rng.uniform(size=(500, 3))
+    >>> test = information_test(X, X[:, 1] + 0.3 * rng.normal(size=500))
+    >>> test.significant
+    array([False,  True, False])
+    """
+    from scipy.stats import false_discovery_control
+
+    if null not in NULLS:
+        raise InvalidInputError(f"null must be one of {', '.join(NULLS)}, got {null!r}.")
+    if not 0 < level < 1:
+        raise InvalidInputError(f"level must be between 0 and 1, got {level!r}.")
+    codes, targets = bin_samples(X, y, n_bins)
+    information = information_of_codes(codes, targets, n_bins)
+    if null == "chi_square":
+        null_mean, p_values = _against_chi_square(codes, targets, information)
+    else:
+        orders = rearrangements(codes.shape[1], null, n_permutations, block_length, random_state)
+        nulls = (information_of_codes(codes, targets[:, order], n_bins) for order in orders)
+        null_mean, p_values = _against_nulls(nulls, information)
+    adjusted = false_discovery_control(p_values, axis=None).reshape(p_values.shape)
+    return InformationTest(
+        information=one_column_each(information, y),
+        null_mean=one_column_each(null_mean, y),
+        p_values=one_column_each(p_values, y),
+        significant=one_column_each(adjusted <= level, y),
+        level=level,
+    )
+
+
+def _against_chi_square(
+    codes: Codes, targets: Codes, information: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    from scipy.stats import chi2
+
+    nats = 2 * codes.shape[1] * np.log(2)
+    dof = degrees_of_freedom(codes, targets)
+    p_values = np.where(dof > 0, chi2.sf(nats * information, np.maximum(dof, 1)), 1.0)
+    return dof / nats, p_values
+
+
+def _against_nulls(
+    nulls: Iterator[NDArray[np.float64]], information: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    n_nulls, total, as_much = 0, np.zeros_like(information), np.ones_like(information)
+    for null in nulls:
+        n_nulls += 1
+        total += null
+        as_much += null >= information - _ROUNDING
+    return total / max(n_nulls, 1), as_much / (n_nulls + 1)
