@@ -26,9 +26,12 @@ ROOMS = (
     ("acquisition_config",),
     ("acquisition",),
     ("features",),
+    ("kernels",),
     ("selection",),
     ("regression",),
     ("positioning",),
+    ("assessment",),
+    ("sensitivity",),
     ("scoreboard",),
     ("study",),
     ("report",),
@@ -38,7 +41,7 @@ ROOMS = (
 )
 RANK = {room: rank for rank, rooms in enumerate(ROOMS) for room in rooms}
 EDGE = {"scene", "formats", "robots", "acquisition_config", "acquisition"}
-CORE = {"features", "selection", "regression"}
+CORE = {"features", "kernels", "selection", "regression"}
 
 
 def room_of(file):

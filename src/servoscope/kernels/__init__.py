@@ -1,0 +1,7 @@
+"""Gaussian kernels: what a smooth function of the features can tell, in closed form."""
+
+from servoscope.kernels.gaussian import GaussianKernel, inverse_covariance
+from servoscope.kernels.leave_out import leave_out_residuals
+from servoscope.kernels.marginal_likelihood import fit_kernel
+
+__all__ = ["GaussianKernel", "fit_kernel", "inverse_covariance", "leave_out_residuals"]
