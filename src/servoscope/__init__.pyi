@@ -9,9 +9,12 @@ from .features import GeometricMoments as GeometricMoments
 from .features import ImageBasis as ImageBasis
 from .features import ImageProjections as ImageProjections
 from .features import LocalFeatureAnalysis as LocalFeatureAnalysis
+from .features import LocalFeatureCovariance as LocalFeatureCovariance
 from .features import LogPolarFeatures as LogPolarFeatures
 from .features import PoseImageCovariance as PoseImageCovariance
+from .features import PoseLeastSquares as PoseLeastSquares
 from .features import TchebichefMoments as TchebichefMoments
+from .features import WhitenedPoseCovariance as WhitenedPoseCovariance
 from .features import compute_image_basis as compute_image_basis
 from .formats import ImportOptions as ImportOptions
 from .formats import TumOptions as TumOptions

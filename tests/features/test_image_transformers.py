@@ -25,6 +25,9 @@ CHECKED = [
     sv.Eigenfeatures(n_components=1),
     sv.PoseImageCovariance(),
     sv.LocalFeatureAnalysis(n_components=1, n_per_dof=1, window=2),
+    sv.LocalFeatureCovariance(n_components=1),
+    sv.PoseLeastSquares(n_components=1),
+    sv.WhitenedPoseCovariance(),
     *FIXED,
 ]
 
@@ -32,6 +35,9 @@ LEARNED = [
     sv.Eigenfeatures(n_components=5),
     sv.PoseImageCovariance(),
     sv.LocalFeatureAnalysis(n_components=5, n_per_dof=2, window=6),
+    sv.LocalFeatureCovariance(n_components=5),
+    sv.PoseLeastSquares(n_components=5),
+    sv.WhitenedPoseCovariance(),
 ]
 FAMILIES = [*LEARNED, sv.GeometricMoments(), *FIXED]
 

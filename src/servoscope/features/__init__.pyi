@@ -4,8 +4,11 @@ from .fourier import FourierFeatures as FourierFeatures
 from .image_basis import ImageBasis as ImageBasis
 from .image_basis import compute_image_basis as compute_image_basis
 from .lfa import LocalFeatureAnalysis as LocalFeatureAnalysis
+from .lfa_covariance import LocalFeatureCovariance as LocalFeatureCovariance
 from .log_polar import LogPolarFeatures as LogPolarFeatures
 from .moments import GeometricMoments as GeometricMoments
+from .partial_least_squares import PoseLeastSquares as PoseLeastSquares
 from .pose_covariance import PoseImageCovariance as PoseImageCovariance
 from .projections import ImageProjections as ImageProjections
 from .tchebichef import TchebichefMoments as TchebichefMoments
+from .whitened_covariance import WhitenedPoseCovariance as WhitenedPoseCovariance
