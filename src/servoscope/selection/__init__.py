@@ -7,8 +7,10 @@ from servoscope.selection.candidates import Candidates
 from servoscope.selection.cmim import rank_cmim
 from servoscope.selection.conditional import rank_conditional
 from servoscope.selection.criteria import CRITERIA
+from servoscope.selection.entropy_power import EntropyPower, entropy_power
 from servoscope.selection.equal_frequency import equal_frequency_information
 from servoscope.selection.estimators import ESTIMATORS, estimate_information, ksg_information
+from servoscope.selection.forecast import Forecast, forecast_errors
 from servoscope.selection.gaussian_copula import gaussian_copula_information
 from servoscope.selection.ideal_point import rank_ideal_point
 from servoscope.selection.ideal_point_corrected import (
@@ -31,6 +33,8 @@ __all__ = [
     "CRITERIA",
     "ESTIMATORS",
     "Candidates",
+    "EntropyPower",
+    "Forecast",
     "InformationTest",
     "MutualInfoSelector",
     "OrderStability",
@@ -39,8 +43,10 @@ __all__ = [
     "best_subset",
     "bin_codes",
     "corrected_mutual_information",
+    "entropy_power",
     "equal_frequency_information",
     "estimate_information",
+    "forecast_errors",
     "gaussian_copula_information",
     "information_bias",
     "information_test",

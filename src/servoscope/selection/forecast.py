@@ -1,0 +1,234 @@
+"""The error that each target will reach on new images, said before anything is trained."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from servoscope.errors import InvalidInputError
+from servoscope.kernels import fit_kernel, leave_out_residuals
+from servoscope.processes import in_processes, one_blas_thread
+from servoscope.selection.entropy_power import EntropyPower, entropy_power
+from servoscope.selection.rms_interval import rms_interval
+from servoscope.selection.tables import as_samples
+
+Array = NDArray[np.float64]
+Groups = NDArray[np.intp]
+
+LEAST_SAMPLES = 8
+"""Fewer samples are too few to choose a kernel on some of them."""
+
+LEAST_GROUPS = 4
+"""With fewer groups their spread is hardly known."""
+
+MOST_PARTS = 5
+"""Parts into which the samples are cut at most, so that kernels are chosen on all but one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """RMS errors that the targets will reach on new images, in the unit of each target.
+
+    Parameters
+    ----------
+    rms : ndarray of shape (n_targets,)
+        0 for a target that never changes.
+    interval : ndarray of shape (2, n_targets)
+        Lower and upper end.
+    baseline : ndarray of shape (n_targets,)
+        RMS about the mean of the other samples, or of the other groups: what one who looks at no
+        feature reaches.
+    residuals : ndarray of shape (n_samples, n_targets)
+        Target less its prediction at each sample, from other samples.
+    entropy_power : EntropyPower
+        What mutual information alone says.
+    """
+
+    rms: Array
+    interval: Array
+    baseline: Array
+    residuals: Array = field(repr=False)
+    entropy_power: EntropyPower = field(repr=False)
+
+    @property
+    def told(self) -> Array:
+        """Share of each target's variance that the features tell, 0 to 1."""
+        left = np.divide(self.rms, self.baseline, out=np.ones_like(self.rms), where=self.rms > 0)
+        return np.clip(1.0 - left**2, 0.0, 1.0)
+
+
+def forecast_errors(
+    X: ArrayLike,
+    Y: ArrayLike,
+    *,
+    groups: ArrayLike | None = None,
+    coverage: float = 0.9,
+    n_jobs: int | None = 1,
+    max_samples: int = 300,
+    max_iter: int = 25,
+) -> Forecast:
+    """The RMS error that each target will reach on new images, before anything is trained.
+
+    Parameters
+    ----------
+    X : array of shape (n_samples, n_features)
+        Features. Those that were fitted on these very images, above all with their poses, look
+        better than they are: see `crossfit_forecast`.
+    Y : array of shape (n_samples, n_targets) or (n_samples,)
+    groups : array of shape (n_samples,), optional
+        What belongs together and is left out together, such as the blocks of a sequence; 4 groups
+        at least. By default each sample is by itself, and repeated ones are left out together.
+    coverage : float
+        Of the interval, 0 to 1.
+    n_jobs : int, optional
+        Processes, as joblib counts them; this one alone by default.
+    max_samples, max_iter : int
+        How many samples choose a kernel, and for how long.
+
+    Returns
+    -------
+    Forecast
+
+    Raises
+    ------
+    InvalidInputError
+        If `X` or `Y` is not finite, there are fewer than 8 samples or 4 groups, or the coverage
+        is out of range.
+
+    Notes
+    -----
+    A Gaussian process predicts every sample from all the others in closed form [1]_. Its length
+    scale for each feature, signal and noise are those of largest marginal likelihood on all parts
+    of the samples but one, whose residuals count, for each of two to five parts in turn: nothing
+    was chosen on the residuals that count. The time grows with the cube of the number of samples:
+    1000 images, 65 features and 6 targets take less than 2 s of one processor.
+
+    References
+    ----------
+    .. [1] C. Rasmussen and C. Williams, "Gaussian processes for machine learning", MIT Press,
+       2006, sections 5.4.1 and 5.4.2.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> X = rng.uniform(-1, 1, (300, 2))
+    >>> Y = np.column_stack([np.sin(3 * X[:, 0]) + rng.normal(0, 0.1, 300), rng.normal(size=300)])
+    >>> forecast = forecast_errors(X, Y)
+    >>> forecast.rms.round(1), forecast.told.round(1)
+    (array([0.1, 1. ]), array([1., 0.]))
+    """
+    check_coverage(coverage)
+    features, targets = as_samples(X, Y)
+    targets = targets - targets[0]  # what never changes is exactly 0
+    together = check_groups(groups, len(features))
+    left_out = repeated_samples(features) if together is None else together
+    parts = cut_samples(len(features), together, n_parts(len(features), max_samples))
+    effort = {"max_samples": max_samples, "max_iter": max_iter}
+    calls = [(features, y, left_out, part, effort) for y in targets.T for part in parts]
+    residuals = np.empty_like(targets)
+    for i, found in enumerate(in_processes(_residuals_of_part, calls, n_jobs)):
+        residuals[parts[i % len(parts)], i // len(parts)] = found
+    return summarise_residuals(residuals, features, targets, together, coverage)
+
+
+def summarise_residuals(
+    residuals: Array, features: Array, targets: Array, groups: Groups | None, coverage: float
+) -> Forecast:
+    """The forecast that residuals of all samples make."""
+    return Forecast(
+        rms=root_mean_square(residuals),
+        interval=rms_interval(residuals, groups, coverage),
+        baseline=root_mean_square(_residuals_about_mean(targets, groups)),
+        residuals=residuals,
+        entropy_power=entropy_power(features, targets),
+    )
+
+
+def check_groups(groups: ArrayLike | None, n_samples: int) -> Groups | None:
+    """Groups as numbers from 0.
+
+    Raises
+    ------
+    InvalidInputError
+        If there are too few samples or groups, or not one group a sample.
+    """
+    if n_samples < LEAST_SAMPLES:
+        raise InvalidInputError(
+            f"A forecast needs at least {LEAST_SAMPLES} samples, got {n_samples}; take more images."
+        )
+    if groups is None:
+        return None
+    values = np.asarray(groups)
+    if values.shape != (n_samples,):
+        raise InvalidInputError(
+            f"groups must be {n_samples} values, one a sample, got the shape {values.shape}."
+        )
+    names, members = np.unique(values, return_inverse=True)
+    if len(names) < LEAST_GROUPS:
+        raise InvalidInputError(
+            f"A forecast needs at least {LEAST_GROUPS} groups to leave some out, got {len(names)}; "
+            "cut the sequence into more blocks."
+        )
+    return np.asarray(members, dtype=np.intp)
+
+
+def check_coverage(coverage: float) -> None:
+    """Raise InvalidInputError unless a share between 0 and 1 is given."""
+    if not 0 < coverage < 1:
+        raise InvalidInputError(f"coverage must be between 0 and 1, got {coverage!r}.")
+
+
+def repeated_samples(X: Array) -> Groups | None:
+    """Groups of samples whose features are equal; None where none are."""
+    distinct, members = np.unique(X, axis=0, return_inverse=True)
+    return None if len(distinct) == len(X) else np.asarray(members, dtype=np.intp)
+
+
+def n_parts(n_samples: int, max_samples: int) -> int:
+    """The fewest parts, 2 to 5, of which all but one hold as many samples as choose a kernel."""
+    spare = max(n_samples - max_samples, 1)
+    return min(max(-(-n_samples // spare), 2), MOST_PARTS)
+
+
+def cut_samples(n_samples: int, groups: Groups | None, n: int) -> list[NDArray[np.intp]]:
+    """Random parts of about equal size that keep groups together.
+
+    Returns
+    -------
+    list of ndarray
+        Indices of the samples in each part, ascending; the same ones each time.
+    """
+    members = np.arange(n_samples) if groups is None else groups
+    order = np.random.default_rng(0).permutation(members.max() + 1)
+    pieces = np.array_split(order, min(n, len(order)))
+    return [np.flatnonzero(np.isin(members, piece)) for piece in pieces]
+
+
+def root_mean_square(residuals: Array) -> Array:
+    """Of every column."""
+    return np.asarray(np.sqrt(np.mean(residuals**2, axis=0)))
+
+
+def _residuals_of_part(
+    X: Array, y: Array, left_out: Groups | None, part: NDArray[np.intp], effort: dict[str, int]
+) -> Array:
+    """Residuals of a part under the kernel that is the likeliest on all others."""
+    with one_blas_thread():
+        kernel = fit_kernel(np.delete(X, part, axis=0), np.delete(y, part), **effort)
+        if kernel.signal == 0:
+            return y[part] - kernel.offset
+        return leave_out_residuals(kernel, X, y, left_out)[part]
+
+
+def _residuals_about_mean(targets: Array, groups: Groups | None) -> Array:
+    """Targets less their mean over all other samples or groups."""
+    if groups is None:
+        n = len(targets)
+        return (targets - targets.mean(axis=0)) * (n / (n - 1))
+    centred = targets - targets.mean(axis=0)
+    sums = np.zeros((groups.max() + 1, targets.shape[1]))
+    np.add.at(sums, groups, centred)
+    sizes = np.bincount(groups)[:, None]
+    return np.asarray(centred + (sums / (len(targets) - sizes))[groups])
