@@ -6,6 +6,7 @@ from .features import CosineCoefficients as CosineCoefficients
 from .features import Eigenfeatures as Eigenfeatures
 from .features import FourierFeatures as FourierFeatures
 from .features import GeometricMoments as GeometricMoments
+from .features import GradientMoments as GradientMoments
 from .features import ImageBasis as ImageBasis
 from .features import ImageProjections as ImageProjections
 from .features import LocalFeatureAnalysis as LocalFeatureAnalysis

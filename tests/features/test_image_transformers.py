@@ -22,6 +22,7 @@ FIXED = [
 # The checks use flat "images" of as few as two pixels, so bases and windows are small here.
 CHECKED = [
     sv.GeometricMoments(),
+    sv.GradientMoments(),
     sv.Eigenfeatures(n_components=1),
     sv.PoseImageCovariance(),
     sv.LocalFeatureAnalysis(n_components=1, n_per_dof=1, window=2),
@@ -39,7 +40,7 @@ LEARNED = [
     sv.PoseLeastSquares(n_components=5),
     sv.WhitenedPoseCovariance(),
 ]
-FAMILIES = [*LEARNED, sv.GeometricMoments(), *FIXED]
+FAMILIES = [*LEARNED, sv.GeometricMoments(), sv.GradientMoments(), *FIXED]
 
 each_family = pytest.mark.parametrize("family", FAMILIES, ids=lambda f: type(f).__name__)
 

@@ -1,6 +1,7 @@
 from .cosine import CosineCoefficients as CosineCoefficients
 from .eigenfeatures import Eigenfeatures as Eigenfeatures
 from .fourier import FourierFeatures as FourierFeatures
+from .gradient_moments import GradientMoments as GradientMoments
 from .image_basis import ImageBasis as ImageBasis
 from .image_basis import compute_image_basis as compute_image_basis
 from .lfa import LocalFeatureAnalysis as LocalFeatureAnalysis

@@ -1,4 +1,4 @@
-"""Images made small and smooth: as levels of the fine stage see them, and for other uses."""
+"""Images made small and smooth, as the levels of the fine stage see them."""
 
 from __future__ import annotations
 
@@ -75,11 +75,3 @@ def _smoothed(image: NDArray, sigma: float, shape: tuple[int, int]) -> Floats:
     if smooth.shape != shape:
         smooth = cv2.resize(smooth, shape[::-1], interpolation=cv2.INTER_AREA)
     return np.asarray(smooth, dtype=np.float32)
-
-
-def shrink(image: NDArray[np.uint8], size: int) -> Floats:
-    """An image whose longer side is `size` pixels, or as it is if that is less, float32."""
-    scale = min(1.0, size / max(image.shape))
-    height, width = (max(1, round(scale * side)) for side in image.shape)
-    whole = image.astype(np.float32)
-    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))

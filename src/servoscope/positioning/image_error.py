@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import InvalidInputError
-from servoscope.positioning.appearance import shrink
+from servoscope.features.shrinking import shrink
 
 THUMBNAIL_SIZE = 64
 _BLUR = 2.0

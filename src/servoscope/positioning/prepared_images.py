@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 
 import cv2
 import numpy as np
@@ -11,7 +10,8 @@ from numpy.typing import NDArray
 
 from servoscope.features.moments import PAPER_SLICES, compute_descriptors
 from servoscope.features.raw_moments import compute_raw_moments
-from servoscope.positioning.appearance import shrink
+from servoscope.features.shrinking import shrink
+from servoscope.features.slopes import divided, normalised_slopes, orientation_cells
 
 Image = NDArray[np.uint8]
 Vector = NDArray[np.float32]
@@ -19,7 +19,7 @@ Vector = NDArray[np.float32]
 GREY_SIZE, LOCAL_SIZE, GRADIENT_SIZE, ORIENTATION_SIZE = 64, 32, 24, 64
 """Pixels along the longer side of what each preparation looks at."""
 
-ORIENTATIONS, CELLS = 8, 8
+CELLS = 8
 _BLUR, _NEIGHBOURHOOD = 0.8, 4.0
 
 
@@ -49,7 +49,7 @@ def local(image: Image) -> Vector:
     small = _blurred(shrink(image, LOCAL_SIZE), _BLUR)
     contrast = small - _blurred(small, _NEIGHBOURHOOD)
     scale = np.sqrt(_blurred(contrast * contrast, _NEIGHBOURHOOD))
-    return _unit(_divided(contrast, scale, 0.5 * np.median(scale)))
+    return _unit(divided(contrast, scale, 0.5 * np.median(scale)))
 
 
 def gradient(image: Image) -> Vector:
@@ -64,16 +64,14 @@ def gradient(image: Image) -> Vector:
     >>> np.allclose(gradient(2 * image + 9), gradient(image), atol=1e-5)
     True
     """
-    return _unit(_normalised_slopes(image, GRADIENT_SIZE))
+    return _unit(normalised_slopes(image, GRADIENT_SIZE))
 
 
 def orientation(image: Image) -> Vector:
     """How much slope there is in each of 8 directions about each of 8 x 8 places.
 
-    The slopes are those of `gradient`, at twice the size or more; each counts for the directions
-    within 90 degrees of its own by the squared cosine, and for places by a Gaussian. What counts
-    is the square root of each share in the whole, so that the vector has unit length. It changes
-    more smoothly with the pose than slopes at one place do.
+    The slopes are those of `gradient`, at twice the size or more; see `orientation_cells`. It
+    changes more smoothly with the pose than slopes at one place do.
 
     Examples
     --------
@@ -81,16 +79,7 @@ def orientation(image: Image) -> Vector:
     >>> orientation(image).shape
     (512,)
     """
-    slopes = _normalised_slopes(image, ORIENTATION_SIZE)
-    magnitude = np.maximum(np.hypot(slopes[0], slopes[1]), np.float32(1e-6))
-    angles = 2 * np.pi * np.arange(ORIENTATIONS, dtype=np.float32) / ORIENTATIONS
-    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    along = np.maximum(np.tensordot(directions, slopes, axes=1), 0)
-    votes = along * along / magnitude
-    rows, columns = _pooling(votes.shape[1]), _pooling(votes.shape[2])
-    pooled = np.maximum((rows @ votes @ columns.T).ravel(), 0)
-    total = pooled.sum()
-    return np.sqrt(pooled / total) if total > 0 else pooled
+    return orientation_cells(image, ORIENTATION_SIZE, CELLS).ravel()
 
 
 PREPARATIONS: dict[str, Callable[[Image], Vector]] = {
@@ -107,33 +96,7 @@ def _blurred(values: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
     return np.asarray(cv2.GaussianBlur(values, (0, 0), sigma))
 
 
-def _normalised_slopes(image: Image, size: int) -> NDArray[np.float32]:
-    small = _blurred(shrink(image, size), _BLUR)
-    slopes = np.empty((2, *small.shape), np.float32)
-    slopes[0], slopes[1] = cv2.Sobel(small, -1, 1, 0), cv2.Sobel(small, -1, 0, 1)
-    magnitude = np.hypot(slopes[0], slopes[1])
-    return _divided(slopes, magnitude, 2 * magnitude.mean())
-
-
-def _divided(
-    values: NDArray[np.float32], scale: NDArray[np.float32], floor: np.floating
-) -> NDArray[np.float32]:
-    """Values over their scale and a floor; 0 where both are."""
-    whole = np.broadcast_to(scale + np.float32(floor), values.shape)
-    return np.divide(values, whole, out=np.zeros_like(values), where=whole > 0)
-
-
 def _unit(values: NDArray[np.float32]) -> Vector:
     flat = values.ravel()
     length = np.sqrt(flat @ flat)
     return flat / length if length > 0 else flat
-
-
-@cache
-def _pooling(size: int) -> NDArray[np.float32]:
-    """Gaussian weights of the pixels along a side for each of the places along it."""
-    n_cells = min(CELLS, size)
-    centres = (np.arange(n_cells) + 0.5) * size / n_cells
-    away = (np.arange(size) + 0.5 - centres[:, None]) / (0.6 * size / n_cells)
-    weights = np.exp(-0.5 * away**2)
-    return (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)

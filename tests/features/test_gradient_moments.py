@@ -1,0 +1,88 @@
+import cv2
+import numpy as np
+import pytest
+
+import servoscope as sv
+from servoscope.errors import InvalidInputError
+
+
+@pytest.fixture(scope="module")
+def moments(images):
+    return sv.GradientMoments(n_cells=4).fit(images)
+
+
+@pytest.mark.parametrize(("gain", "offset"), [(0.4, 0), (1, 60), (0.5, 33)])
+def test_neither_gain_nor_offset_changes_anything(moments, images, gain, offset):
+    np.testing.assert_allclose(
+        moments.transform(gain * images.astype(float) + offset),
+        moments.transform(images),
+        atol=1e-4,
+    )
+
+
+@pytest.fixture(scope="module")
+def textured():
+    """An image of a pattern much finer than the cells."""
+    pattern = cv2.GaussianBlur(np.random.default_rng(0).normal(size=(80, 80)), (0, 0), 1.5)
+    return cv2.normalize(pattern, None, 50, 250, cv2.NORM_MINMAX)[None]
+
+
+def test_a_light_that_falls_off_slowly_changes_little(textured):
+    """By a third from one side of the view to the other; without normalisation it is more."""
+    moments = sv.GradientMoments(n_cells=4).fit(textured)
+    before = moments.transform(textured)
+    after = moments.transform(textured * np.linspace(1, 2 / 3, 80))
+    assert np.abs(after - before).mean() < 0.05 * before.mean()
+
+
+def test_what_covers_a_corner_leaves_the_opposite_one_as_it_was(textured):
+    covered = textured.copy()
+    covered[:, :20, :20] = 90
+    moments = sv.GradientMoments(n_cells=4).fit(textured)
+    before, after = (moments.transform(i).reshape(8, 4, 4) for i in (textured, covered))
+    changes = np.abs(after / after[:, 2:, 2:].mean() - before / before[:, 2:, 2:].mean())
+    assert changes[:, 2:, 2:].mean() < changes[:, 0, 0].mean() / 20
+
+
+@pytest.mark.parametrize("angle", range(0, 360, 45))
+def test_a_ramp_is_told_by_its_direction(angle):
+    rows, columns = np.mgrid[:64, :64] - 31.5
+    along = np.cos(np.radians(angle)) * columns + np.sin(np.radians(angle)) * rows
+    moments = sv.GradientMoments(n_cells=1).set_output(transform="pandas")
+    features = moments.fit_transform(128 + along[None]).iloc[0]
+    assert features.idxmax() == f"o{angle:03d}_0_0"
+    # A direction 45 degrees away has half of the energy, one further away has none.
+    expected = np.sqrt([0.5, 0.25, 0.25, 0, 0, 0, 0, 0])
+    np.testing.assert_allclose(np.sort(features)[::-1], expected, atol=0.08)
+
+
+def test_an_edge_is_told_by_its_cell():
+    image = np.zeros((1, 64, 64), np.uint8)
+    image[:, :20, 36:] = 200
+    moments = sv.GradientMoments(n_cells=4).fit(image)
+    cells = moments.transform(image).reshape(8, 4, 4)
+    assert np.unravel_index(cells[0].argmax(), (4, 4)) == (0, 2)
+    assert cells[0, 3].max() < 0.05
+
+
+def test_features_of_an_image_have_unit_length(moments, images):
+    np.testing.assert_allclose(np.linalg.norm(moments.transform(images), axis=1), 1, rtol=1e-5)
+
+
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_an_image_without_anything_in_it_has_features_of_zeros(level):
+    blank = np.full((1, 30, 40), level, np.uint8)
+    assert (sv.GradientMoments().fit_transform(blank) == 0).all()
+
+
+def test_cells_are_no_more_than_pixels_and_named_by_row_and_column(images):
+    few = sv.GradientMoments(n_cells=5).fit(images[:, :3])
+    names = few.get_feature_names_out()
+    assert (few.n_rows_, few.n_columns_, len(names)) == (3, 5, 120)
+    assert list(names[[0, 1, 5, 15]]) == ["o000_0_0", "o000_0_1", "o000_1_0", "o045_0_0"]
+
+
+@pytest.mark.parametrize("wrong", [{"n_cells": 0}, {"n_cells": 2.5}, {"size": 0}, {"size": "big"}])
+def test_parameters_that_are_no_whole_numbers_are_refused(images, wrong):
+    with pytest.raises(InvalidInputError, match="must be a whole number from 1"):
+        sv.GradientMoments(**wrong).fit(images)
