@@ -1,6 +1,7 @@
 import cv2
 import numpy as np
 import pytest
+from scipy.signal.windows import hann
 
 import servoscope as sv
 
@@ -32,7 +33,16 @@ def test_magnitudes_and_phases_are_those_of_numpy(random_images):
     for (u, v), (magnitude, phasor) in found.items():
         value = expected[:, v, u]
         np.testing.assert_allclose(magnitude, abs(value), atol=1e-14)
-        np.testing.assert_allclose(phasor * abs(value + 0.01j * value / abs(value)), value)
+        np.testing.assert_allclose(phasor * np.hypot(abs(value), 0.1), value, atol=1e-14)
+
+
+def test_window_is_that_of_hann(random_images):
+    window = np.outer(*(hann(2 * n_pixels + 1)[1::2] for n_pixels in (24, 30)))
+    means = np.average(random_images.reshape(3, -1), weights=window.ravel(), axis=1)
+    spectra = np.fft.fft2(window * (random_images - means[:, None, None]))
+    spectra /= np.linalg.norm(window) * np.linalg.norm(random_images, axis=(1, 2))[:, None, None]
+    for (u, v), (magnitude, _) in features_by_frequency(random_images, window="hann").items():
+        np.testing.assert_allclose(magnitude, abs(spectra[:, v, u]), atol=1e-14)
 
 
 def test_shift_turns_phases_and_leaves_magnitudes(random_images):
@@ -57,7 +67,7 @@ def test_of_opposite_frequencies_one_stands_and_none_twice(random_images):
 def test_window_takes_the_cross_of_the_edges_away():
     slope = np.tile(np.linspace(0, 255, 64), (1, 64, 1))  # jumps from 255 to 0 at the edge
     without = features_by_frequency(slope, max_frequency=5, window="none")
-    windowed = features_by_frequency(slope, max_frequency=5)
+    windowed = features_by_frequency(slope, max_frequency=5, window="hann")
     assert without[5, 0][0] > 0.05
     assert windowed[5, 0][0] < 0.1 * without[5, 0][0]
 
@@ -66,10 +76,10 @@ def test_window_alone_has_no_features(random_images):
     offset = random_images + 500.0
     assert all(
         magnitude < 1e-13
-        for magnitude, _ in features_by_frequency(np.full((1, 20, 30), 9.0)).values()
+        for magnitude, _ in features_by_frequency(np.full((1, 20, 30), 9.0), window="hann").values()
     )
     lengths = np.linalg.norm(random_images, axis=(1, 2)), np.linalg.norm(offset, axis=(1, 2))
-    before, after = features_by_frequency(random_images), features_by_frequency(offset)
+    before, after = (features_by_frequency(i, window="hann") for i in (random_images, offset))
     for frequency, (magnitude, _) in before.items():
         np.testing.assert_allclose(
             after[frequency][0] * lengths[1], magnitude * lengths[0], atol=1e-10

@@ -55,7 +55,7 @@ class CosineCoefficients(LowOrderProjection):
 
     _letter = "c"
 
-    def __init__(self, order: int = 8, image_shape: ImageShape | None = None) -> None:
+    def __init__(self, order: int = 7, image_shape: ImageShape | None = None) -> None:
         self.order = order
         self.image_shape = image_shape
 

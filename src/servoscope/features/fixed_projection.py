@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ class FixedProjection(ImageTransformer):
     @abstractmethod
     def _features(self, flat: NDArray[Any]) -> NDArray[np.float64]: ...
 
-    def fit(self, X: Any, y: Any = None) -> FixedProjection:
+    def fit(self, X: Any, y: Any = None) -> Self:
         """Take note of the size of the images; nothing else is learned.
 
         Parameters
@@ -40,7 +40,7 @@ class FixedProjection(ImageTransformer):
 
         Returns
         -------
-        FixedProjection
+        Self
             Itself.
         """
         self._images_to_fit(X)

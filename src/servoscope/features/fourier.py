@@ -15,9 +15,9 @@ from servoscope.features.fixed_projection import (
 )
 from servoscope.features.pixels import ImageShape
 
-WINDOWS = ("hann", "none")
+WINDOWS = ("none", "hann")
 
-_PHASOR_FLOOR = 0.01
+_PHASE_FLOOR = 0.1
 """Magnitude, as a share of the length of the image, below which a phase counts for less."""
 
 
@@ -28,9 +28,10 @@ class FourierFeatures(FixedProjection):
     ----------
     max_frequency : int
         Radius of the disc of frequencies, in waves along the side of the image.
-    window : {"hann", "none"}
-        What the image is multiplied with; without one, the jump between opposite edges stands
-        as a cross over all frequencies of the axes.
+    window : {"none", "hann"}
+        What the image is multiplied with. Without one, the jump between opposite edges stands as
+        a cross over all frequencies of the axes; with one, what is near the edges, where turns
+        about x and y show most, counts for little.
     image_shape : (height, width), optional
         What flat images are; 1 x n_pixels by default.
 
@@ -55,15 +56,15 @@ class FourierFeatures(FixedProjection):
 
     A shift of the picture turns the phases and leaves the magnitudes ``a``. An angle would jump
     by 2 pi where it wraps, and would mean nothing where the magnitude is 0; features are therefore
-    the cosine ``c`` and the sine ``s`` of the phase, times ``a / sqrt(a^2 + 0.01^2)``, which is
-    near 1 wherever there is something to see.
+    the cosine ``c`` and the sine ``s`` of the phase, times ``a / sqrt(a^2 + 0.1^2)``, which goes
+    to 1 where a frequency carries much of the image and to 0 where it carries nothing.
 
     Examples
     --------
     >>> waves = 1 + np.cos(2 * np.pi * (np.arange(16) / 16 - 0.25))
     >>> fourier = FourierFeatures(max_frequency=1, window="none")
     >>> fourier.fit_transform(np.tile(waves, (1, 8, 1))).round(2)
-    array([[ 0.41,  0.  , -1.  ,  0.  ,  0.  ,  0.  ]])
+    array([[ 0.41,  0.  , -0.97,  0.  ,  0.  ,  0.  ]])
     >>> fourier.get_feature_names_out()
     array(['f_a_1_0', 'f_c_1_0', 'f_s_1_0', 'f_a_0_1', 'f_c_0_1', 'f_s_0_1'],
           dtype=object)
@@ -72,7 +73,7 @@ class FourierFeatures(FixedProjection):
     def __init__(
         self,
         max_frequency: int = 3,
-        window: str = "hann",
+        window: str = "none",
         image_shape: ImageShape | None = None,
     ) -> None:
         self.max_frequency = max_frequency
@@ -95,7 +96,7 @@ class FourierFeatures(FixedProjection):
         u, v = np.transpose(self._frequencies()) + zero
         spectra = spectra[:, v, u] - means[:, None] * of_window[v, u]
         magnitudes = np.abs(spectra)
-        phasors = spectra / np.hypot(magnitudes, _PHASOR_FLOOR)
+        phasors = spectra / np.hypot(magnitudes, _PHASE_FLOOR)
         features = np.stack([magnitudes, phasors.real, phasors.imag], axis=-1)
         return features.reshape(len(flat), -1)
 

@@ -72,7 +72,7 @@ class LogPolarFeatures(FixedProjection):
 
     def __init__(
         self,
-        max_turns: int = 3,
+        max_turns: int = 4,
         max_scales: int = 2,
         inner_radius: float = 1 / 16,
         image_shape: ImageShape | None = None,

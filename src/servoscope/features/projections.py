@@ -27,7 +27,7 @@ class ImageProjections(FixedProjection):
 
     Attributes
     ----------
-    components_ : ndarray of shape (n_angles * n_coefficients, n_pixels)
+    components_ : ndarray of shape (1 + n_angles * n_coefficients, n_pixels)
         What images are projected onto.
     image_shape_ : (height, width)
     n_features_in_ : int
@@ -43,9 +43,10 @@ class ImageProjections(FixedProjection):
     -----
     The profile in a direction, ``g(s)``, is the sum of the image over the lines across it, its
     Radon transform [1]_. With s from 0 to 1 where these lines cross the image at all, coefficient
-    k is ``sum g(s) cos(k pi s)``; the sum of all grey levels, ``k = 0``, is the same in all
-    directions and stands once. As cosines of lines are functions of the pixels, each coefficient
-    is one product with the image, no profile is ever binned, and nothing is interpolated.
+    k is ``sum g(s) cos(k pi s)``, over the root of the number of pixels. The sum of all grey
+    levels, ``k = 0``, is the same in all directions and stands once. As cosines of lines are
+    functions of the pixels, each coefficient is one product with the image: no profile is ever
+    binned, and nothing is interpolated.
 
     References
     ----------
@@ -59,11 +60,11 @@ class ImageProjections(FixedProjection):
     array(['p_sum', 'p_0_1', 'p_0_2', 'p_90_1', 'p_90_2'], dtype=object)
     """
 
-    components_: NDArray[np.float32]
+    components_: NDArray[np.float64]
 
     def __init__(
         self,
-        n_angles: int = 6,
+        n_angles: int = 8,
         n_coefficients: int = 7,
         image_shape: ImageShape | None = None,
     ) -> None:
@@ -76,14 +77,16 @@ class ImageProjections(FixedProjection):
         check_whole_number("n_coefficients", self.n_coefficients, 1)
         height, width = self.image_shape_
         y, x = np.indices((height, width)).reshape(2, -1) + 0.5
-        components = [np.ones(height * width)]
-        for angle in np.pi * np.arange(self.n_angles) / self.n_angles:
+        scale = 1 / np.sqrt(height * width)
+        orders = range(1, self.n_coefficients + 1)
+        self.components_ = np.empty((1 + self.n_angles * self.n_coefficients, height * width))
+        self.components_[0] = scale
+        for i, angle in enumerate(np.pi * np.arange(self.n_angles) / self.n_angles):
             c, s = np.cos(angle), np.sin(angle)
             extent = abs(c) * width + abs(s) * height
             along = 0.5 + (c * (x - width / 2) + s * (y - height / 2)) / extent
-            components += [np.cos(np.pi * k * along) for k in range(1, self.n_coefficients + 1)]
-        scale = 1 / np.sqrt(height * width)
-        self.components_ = scale * np.array(components)
+            for k in orders:
+                self.components_[i * len(orders) + k] = scale * np.cos(np.pi * k * along)
 
     def _features(self, flat: NDArray[Any]) -> NDArray[np.float64]:
         return project_images(flat, np.zeros(flat.shape[1]), self.components_)

@@ -57,7 +57,7 @@ class TchebichefMoments(LowOrderProjection):
 
     _letter = "t"
 
-    def __init__(self, order: int = 8, image_shape: ImageShape | None = None) -> None:
+    def __init__(self, order: int = 7, image_shape: ImageShape | None = None) -> None:
         self.order = order
         self.image_shape = image_shape
 
