@@ -1,3 +1,5 @@
+from .gaussian_process import GaussianProcess as GaussianProcess
+from .kernel_ridge import GaussianKernelRidge as GaussianKernelRidge
 from .levenberg_marquardt import LMResult as LMResult
 from .levenberg_marquardt import LMSettings as LMSettings
 from .network import LMRegressor as LMRegressor
