@@ -16,11 +16,12 @@ from servoscope.errors import RunFolderError
 from servoscope.files import read_json, write_json
 from servoscope.positioning import Estimator
 from servoscope.processes import in_processes
+from servoscope.progress import ProgressBar, no_progress
 from servoscope.robots.registry import ROBOTS
 from servoscope.scoreboard.conditions import CONDITIONS, SCENES
 from servoscope.scoreboard.methods import METHODS, loop_settings
 from servoscope.scoreboard.plan import Plan
-from servoscope.scoreboard.stages import ProgressBar, Stages, no_progress
+from servoscope.scoreboard.stages import Stages
 from servoscope.scoreboard.summary import summarise
 from servoscope.scoreboard.targets import check_targets
 from servoscope.scoreboard.trial import Trial, run_start

@@ -1,17 +1,10 @@
-"""What the scoreboard needs of a folder that remembers its stages, and of progress bars."""
+"""What the scoreboard needs of a folder that remembers its stages."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any, Protocol
-
-Advance = Callable[[int], object]
-
-ProgressBar = Callable[[str, int | None], AbstractContextManager[Advance]]
-"""Opens a progress bar, given what is done and how many items that has, if known; yields the
-function that is told how many are finished."""
 
 
 class Stages(Protocol):
@@ -26,8 +19,3 @@ class Stages(Protocol):
 
     def timings(self) -> dict[str, float]:
         """How long each stage took, and ``total``, [s]."""
-
-
-def no_progress(description: str, total: int | None) -> AbstractContextManager[Advance]:
-    """A progress bar that nobody sees."""
-    return nullcontext(lambda n_done: None)

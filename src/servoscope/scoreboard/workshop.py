@@ -10,10 +10,11 @@ from servoscope.acquisition import AcquisitionConfig, acquire
 from servoscope.dataset import PoseImageSet
 from servoscope.positioning import Estimator
 from servoscope.processes import one_blas_thread
+from servoscope.progress import ProgressBar
 from servoscope.scoreboard.learners import LEARNERS
 from servoscope.scoreboard.methods import make_photometric
 from servoscope.scoreboard.plan import Plan
-from servoscope.scoreboard.stages import ProgressBar, Stages
+from servoscope.scoreboard.stages import Stages
 
 
 class Workshop:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
 from functools import cached_property, partial
 from typing import Any
@@ -18,6 +16,7 @@ from servoscope.errors import InvalidInputError
 from servoscope.features import GeometricMoments, compute_image_basis
 from servoscope.files import write_arrays, write_json, write_text
 from servoscope.poses import DISPLACEMENTS, DOFS
+from servoscope.progress import ProgressBar, no_progress
 from servoscope.regression import PoseRegressor
 from servoscope.splits import Split, split_images
 from servoscope.study.assessment import Assessment, assess_features, rankings_as_csv
@@ -32,17 +31,8 @@ from servoscope.study.paper import FAMILIES
 from servoscope.study.run_folder import RunFolder, read_arrays, read_json
 from servoscope.study.summary import choose_best, summarise
 
-ProgressBar = Callable[[str, int], AbstractContextManager[Callable[[int], object]]]
-"""Opens a progress bar, given what is done and how many items that has; yields the function that
-is told how many are finished."""
-
 Unit = tuple[str, str]
 """A protocol and a displacement form."""
-
-
-def no_progress(description: str, total: int) -> AbstractContextManager[Callable[[int], object]]:
-    """A progress bar that nobody sees."""
-    return nullcontext(lambda n_done: None)
 
 
 class Study:
