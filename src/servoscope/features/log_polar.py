@@ -25,7 +25,7 @@ class LogPolarFeatures(FixedProjection):
     inner_radius : float
         Share of the outer radius, half the shorter side; nothing nearer to the centre counts.
     image_shape : (height, width), optional
-        What flat images are; 1 x n_pixels by default.
+        What flat images are; 1 x n_pixels by default, too thin for a ring: all features are 0.
 
     Attributes
     ----------
