@@ -82,7 +82,7 @@ def test_a_number_of_features_that_is_none_is_refused(data, n_features):
 
 
 def test_an_unknown_criterion_is_refused_with_those_that_exist(data):
-    with pytest.raises(InvalidInputError, match="one of ideal_point, .*conditional, got 'mrr'"):
+    with pytest.raises(InvalidInputError, match=r"one of ideal_point, .*, got 'mrr'"):
         MutualInfoSelector(criterion="mrr").fit(*data)
 
 

@@ -3,6 +3,7 @@
 # Not loaded lazily: the function `mutual_information` must hide the module of that name.
 from servoscope.selection.bias import corrected_mutual_information, information_bias
 from servoscope.selection.binning import bin_codes
+from servoscope.selection.bootstrap import InformationInterval, information_interval
 from servoscope.selection.candidates import Candidates
 from servoscope.selection.cmim import rank_cmim
 from servoscope.selection.conditional import rank_conditional
@@ -35,6 +36,7 @@ __all__ = [
     "Candidates",
     "EntropyPower",
     "Forecast",
+    "InformationInterval",
     "InformationTest",
     "MutualInfoSelector",
     "OrderStability",
@@ -49,6 +51,7 @@ __all__ = [
     "forecast_errors",
     "gaussian_copula_information",
     "information_bias",
+    "information_interval",
     "information_test",
     "ksg_information",
     "mutual_information",

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from servoscope.errors import InvalidInputError
 from servoscope.selection.binning import bin_codes
 from servoscope.selection.conditional_information import conditional_information
 from servoscope.selection.mutual_information import mutual_information, pairwise_mutual_information
@@ -42,6 +43,8 @@ class Candidates:
 
     def __init__(self, X: ArrayLike, y: ArrayLike, n_bins: int = 10):
         self.X, targets = as_samples(X, y)
+        if targets.shape[1] != 1:
+            raise InvalidInputError(f"y must be one target, got the shape {np.shape(y)}.")
         self.y = targets[:, 0]
         self.n_bins = n_bins
 

@@ -83,8 +83,6 @@ def _shifts(n_samples: int, n: int, rng: np.random.Generator) -> Iterator[NDArra
 
 
 def _shuffled_blocks(n_samples: int, length: int, rng: np.random.Generator) -> NDArray[np.intp]:
-    if length == 1:
-        return rng.permutation(n_samples)
-    ring = np.roll(np.arange(n_samples), rng.integers(n_samples))
-    blocks = np.split(ring, range(length, n_samples, length))
-    return np.concatenate([blocks[i] for i in rng.permutation(len(blocks))])
+    ring = (np.arange(n_samples) + rng.integers(n_samples)) % n_samples
+    place = rng.permutation(-(-n_samples // length))
+    return ring[np.argsort(place[np.arange(n_samples) // length], kind="stable")]

@@ -1,0 +1,140 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from sklearn.feature_selection import mutual_info_regression
+
+from servoscope.errors import InvalidInputError
+from servoscope.selection.equal_frequency import quantile_codes
+from servoscope.selection.estimators import ESTIMATORS, estimate_information
+
+
+def gaussian(rng, rho, n_samples):
+    x, noise = rng.normal(size=(2, n_samples))
+    return x[:, None], rho * x + np.sqrt(1 - rho**2) * noise
+
+
+@pytest.mark.parametrize("rho", [-0.9, 0.3, 0.6, 0.95])
+@pytest.mark.parametrize(
+    ("estimator", "options", "n_samples"),
+    [
+        ("histogram", {"n_bins": 40}, 200_000),
+        ("corrected_histogram", {"n_bins": 40}, 200_000),
+        ("equal_frequency", {"n_bins": 40}, 200_000),
+        ("ksg", {"n_neighbors": 5}, 6000),
+        ("gaussian_copula", {}, 20_000),
+    ],
+)
+def test_gaussians_have_the_information_of_their_correlation(estimator, options, n_samples, rho):
+    X, y = gaussian(np.random.default_rng(8), rho, n_samples)
+    expected = -0.5 * np.log2(1 - rho**2)
+    found = estimate_information(X, y, estimator, **options)[0]
+    assert found == pytest.approx(expected, rel=0.03, abs=0.02)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_uniform_variables_that_are_unrelated_have_next_to_none(estimator):
+    rng = np.random.default_rng(9)
+    found = estimate_information(rng.uniform(size=(3000, 5)), rng.uniform(size=3000), estimator)
+    assert abs(found).max() < 0.06
+
+
+@pytest.mark.parametrize("estimator", ["histogram", "equal_frequency"])
+@pytest.mark.parametrize("n_bins", [2, 8, 20])
+def test_evenly_spread_values_tell_their_bin(estimator, n_bins):
+    x = np.random.default_rng(10).permutation(np.arange(100.0 * n_bins))
+    found = estimate_information(x[:, None], -x, estimator, n_bins=n_bins)[0]
+    assert found == pytest.approx(np.log2(n_bins), abs=1e-9)
+
+
+def test_a_sum_of_uniforms_has_its_closed_form():
+    # I(x; x + u) = h(x + u) - h(u) for u as wide as x: half a nat.
+    x, u = np.random.default_rng(11).uniform(size=(2, 5000))
+    found = estimate_information(x[:, None], x + u, "ksg", n_neighbors=5)[0]
+    assert found == pytest.approx(0.5 / np.log(2), rel=0.07)
+
+
+@pytest.mark.parametrize("estimator", ["equal_frequency", "gaussian_copula"])
+@given(st.sampled_from([np.exp, np.cbrt, np.arctan, lambda x: x**3 + x]), st.integers(0, 9))
+def test_growing_functions_change_nothing(estimator, function, seed):
+    X, y = gaussian(np.random.default_rng(seed), 0.7, 150)
+    expected = estimate_information(X, y, estimator)
+    np.testing.assert_array_equal(estimate_information(function(X), y, estimator), expected)
+    np.testing.assert_array_equal(estimate_information(X, function(y), estimator), expected)
+
+
+def test_a_falling_function_changes_nothing_of_the_copula(rng):
+    X, y = gaussian(rng, 0.7, 500)
+    expected = estimate_information(X, y, "gaussian_copula")
+    found = estimate_information(np.exp(-X), y, "gaussian_copula")
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_equal_width_bins_do_change(rng):
+    X, y = gaussian(rng, 0.7, 500)
+    assert estimate_information(np.exp(3 * X), y)[0] < 0.8 * estimate_information(X, y)[0]
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_a_constant_tells_nothing(estimator, rng):
+    X = np.column_stack([np.full(200, 0.1), rng.normal(size=200)])
+    assert estimate_information(X, X[:, 1], estimator)[0] == pytest.approx(0, abs=1e-12)
+    assert estimate_information(X, X[:, 0], estimator) == pytest.approx([0, 0], abs=1e-12)
+
+
+def test_the_copula_of_a_function_is_finite():
+    x = np.arange(50.0)
+    assert estimate_information(x[:, None], x**3, "gaussian_copula")[0] > 20
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_several_targets_give_a_column_each(estimator, rng):
+    X, Y = rng.normal(size=(120, 3)), rng.normal(size=(120, 2))
+    both = estimate_information(X, Y, estimator)
+    assert both.shape == (3, 2)
+    np.testing.assert_allclose(both[:, 1], estimate_information(X, Y[:, 1], estimator))
+
+
+def test_ksg_is_that_of_scikit_learn_in_bits(rng):
+    X, y = rng.normal(size=(200, 2)), rng.normal(size=200)
+    expected = mutual_info_regression(X, y, n_neighbors=4, random_state=3) / np.log(2)
+    found = estimate_information(X, y, "ksg", n_neighbors=4, random_state=3)
+    np.testing.assert_array_equal(found, expected)
+
+
+@given(hnp.arrays(float, st.integers(1, 60), elements=st.integers(-9, 9)), st.integers(2, 12))
+def test_bins_of_equal_frequency_keep_order_and_ties(x, n_bins):
+    (codes,) = quantile_codes(x[:, None], n_bins)
+    order = np.argsort(x)
+    assert (np.diff(codes[order].astype(int)) >= 0).all()
+    assert all(len(set(codes[x == value])) == 1 for value in x)
+    assert codes.max() < n_bins
+
+
+@given(st.integers(1, 200), st.integers(2, 20))
+def test_bins_without_ties_hold_equally_many(n_samples, n_bins):
+    x = np.random.default_rng(n_samples).permutation(n_samples)
+    counts = np.bincount(quantile_codes(x[:, None], n_bins)[0], minlength=n_bins)
+    assert counts.max() - counts.min() <= 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"estimator": "kde"}, "one of histogram, .*gaussian_copula, got 'kde'"),
+        ({"estimator": "ksg", "n_neighbors": 9}, "less than the 9 samples, got 9"),
+        ({"estimator": "equal_frequency", "n_bins": 1}, "n_bins must be an integer"),
+    ],
+)
+def test_bad_options_are_refused(arguments, message):
+    with pytest.raises(InvalidInputError, match=message):
+        estimate_information(np.zeros((9, 1)), np.zeros(9), **arguments)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_samples_that_do_not_fit_are_refused(estimator):
+    with pytest.raises(InvalidInputError, match="as many samples, got 9 and 8"):
+        estimate_information(np.zeros((9, 1)), np.zeros(8), estimator)
+    with pytest.raises(InvalidInputError, match="y must be finite"):
+        estimate_information(np.zeros((9, 1)), np.full(9, np.nan), estimator)
