@@ -34,6 +34,7 @@ from .regression import PoseRegressor as PoseRegressor
 from .regression import train_networks as train_networks
 from .selection import Forecast as Forecast
 from .selection import MutualInfoSelector as MutualInfoSelector
+from .selection import crossfit_forecast as crossfit_forecast
 from .selection import forecast_errors as forecast_errors
 from .selection import mutual_information as mutual_information
 from .selection import pairwise_mutual_information as pairwise_mutual_information

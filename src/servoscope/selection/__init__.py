@@ -8,6 +8,13 @@ from servoscope.selection.candidates import Candidates
 from servoscope.selection.cmim import rank_cmim
 from servoscope.selection.conditional import rank_conditional
 from servoscope.selection.criteria import CRITERIA
+from servoscope.selection.crossfit import (
+    FeatureFamily,
+    Fold,
+    crossfit_forecast,
+    forecast_from_folds,
+    refit_features,
+)
 from servoscope.selection.entropy_power import EntropyPower, entropy_power
 from servoscope.selection.equal_frequency import equal_frequency_information
 from servoscope.selection.estimators import ESTIMATORS, estimate_information, ksg_information
@@ -35,6 +42,8 @@ __all__ = [
     "ESTIMATORS",
     "Candidates",
     "EntropyPower",
+    "FeatureFamily",
+    "Fold",
     "Forecast",
     "InformationInterval",
     "InformationTest",
@@ -45,10 +54,12 @@ __all__ = [
     "best_subset",
     "bin_codes",
     "corrected_mutual_information",
+    "crossfit_forecast",
     "entropy_power",
     "equal_frequency_information",
     "estimate_information",
     "forecast_errors",
+    "forecast_from_folds",
     "gaussian_copula_information",
     "information_bias",
     "information_interval",
@@ -64,5 +75,6 @@ __all__ = [
     "rank_jmi",
     "rank_mrmr",
     "redundancy_bias",
+    "refit_features",
     "threshold_subsets",
 ]
