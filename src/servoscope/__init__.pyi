@@ -9,11 +9,13 @@ from .features import GeometricMoments as GeometricMoments
 from .features import GradientMoments as GradientMoments
 from .features import ImageBasis as ImageBasis
 from .features import ImageProjections as ImageProjections
+from .features import IntensityMoments as IntensityMoments
 from .features import LocalFeatureAnalysis as LocalFeatureAnalysis
 from .features import LocalFeatureCovariance as LocalFeatureCovariance
 from .features import LogPolarFeatures as LogPolarFeatures
 from .features import PoseImageCovariance as PoseImageCovariance
 from .features import PoseLeastSquares as PoseLeastSquares
+from .features import RobustMoments as RobustMoments
 from .features import TchebichefMoments as TchebichefMoments
 from .features import WhitenedPoseCovariance as WhitenedPoseCovariance
 from .features import compute_image_basis as compute_image_basis

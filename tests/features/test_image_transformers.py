@@ -23,6 +23,8 @@ FIXED = [
 CHECKED = [
     sv.GeometricMoments(),
     sv.GradientMoments(),
+    sv.IntensityMoments(),
+    sv.RobustMoments(),
     sv.Eigenfeatures(n_components=1),
     sv.PoseImageCovariance(),
     sv.LocalFeatureAnalysis(n_components=1, n_per_dof=1, window=2),
@@ -39,8 +41,9 @@ LEARNED = [
     sv.LocalFeatureCovariance(n_components=5),
     sv.PoseLeastSquares(n_components=5),
     sv.WhitenedPoseCovariance(),
+    sv.RobustMoments(n_components=5),
 ]
-FAMILIES = [*LEARNED, sv.GeometricMoments(), sv.GradientMoments(), *FIXED]
+FAMILIES = [*LEARNED, sv.GeometricMoments(), sv.GradientMoments(), sv.IntensityMoments(), *FIXED]
 
 each_family = pytest.mark.parametrize("family", FAMILIES, ids=lambda f: type(f).__name__)
 

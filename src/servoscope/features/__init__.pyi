@@ -4,6 +4,7 @@ from .fourier import FourierFeatures as FourierFeatures
 from .gradient_moments import GradientMoments as GradientMoments
 from .image_basis import ImageBasis as ImageBasis
 from .image_basis import compute_image_basis as compute_image_basis
+from .intensity_moments import IntensityMoments as IntensityMoments
 from .lfa import LocalFeatureAnalysis as LocalFeatureAnalysis
 from .lfa_covariance import LocalFeatureCovariance as LocalFeatureCovariance
 from .log_polar import LogPolarFeatures as LogPolarFeatures
@@ -11,5 +12,6 @@ from .moments import GeometricMoments as GeometricMoments
 from .partial_least_squares import PoseLeastSquares as PoseLeastSquares
 from .pose_covariance import PoseImageCovariance as PoseImageCovariance
 from .projections import ImageProjections as ImageProjections
+from .robust_moments import RobustMoments as RobustMoments
 from .tchebichef import TchebichefMoments as TchebichefMoments
 from .whitened_covariance import WhitenedPoseCovariance as WhitenedPoseCovariance

@@ -43,6 +43,18 @@ def check_n_cells(n_cells: int) -> None:
         raise InvalidInputError(f"n_cells must be a whole number from 1, got {n_cells!r}.")
 
 
+def cell_names(layers: list[str], n_rows: int, n_columns: int) -> list[str]:
+    """Names of the cells of layers, in the order of their values flattened.
+
+    Examples
+    --------
+    >>> cell_names(["a", "b"], n_rows=1, n_columns=2)
+    ['a_0_0', 'a_0_1', 'b_0_0', 'b_0_1']
+    """
+    cells = [f"{row}_{column}" for row in range(n_rows) for column in range(n_columns)]
+    return [f"{layer}_{cell}" for layer in layers for cell in cells]
+
+
 @cache
 def _weights(size: int, n_cells: int) -> Floats:
     """Weights of the pixels along a side for each of the cells along it."""

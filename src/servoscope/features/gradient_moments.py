@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.errors import InvalidInputError
-from servoscope.features.cells import check_n_cells
-from servoscope.features.image_transformer import ImageTransformer
+from servoscope.features.cell_moments import CellMoments
 from servoscope.features.pixels import ImageShape
 from servoscope.features.slopes import N_DIRECTIONS, orientation_cells
 
+Floats = NDArray[np.float32]
 
-class GradientMoments(ImageTransformer):
+
+class GradientMoments(CellMoments):
     """How much slope there is in each of 8 directions about each cell of an image.
 
     Parameters
@@ -75,49 +75,8 @@ class GradientMoments(ImageTransformer):
         self.size = size
         self.image_shape = image_shape
 
-    def fit(self, X: Any, y: Any = None) -> GradientMoments:
-        """Take note of the size of the images; nothing else is learned.
+    def _cells(self, image: NDArray[Any]) -> Floats:
+        return orientation_cells(image, self.size, self.n_cells)
 
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-        y : ignored
-
-        Returns
-        -------
-        GradientMoments
-            Itself.
-        """
-        check_n_cells(self.n_cells)
-        if not isinstance(self.size, int | np.integer) or self.size < 1:
-            raise InvalidInputError(f"size must be a whole number from 1, got {self.size!r}.")
-        self._images_to_fit(X)
-        blank = np.zeros(self.image_shape_, np.uint8)
-        _, self.n_rows_, self.n_columns_ = orientation_cells(blank, self.size, self.n_cells).shape
-        return self
-
-    def transform(self, X: Any) -> NDArray[np.float64]:
-        """Moments of gradient orientation of images.
-
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-
-        Returns
-        -------
-        ndarray of shape (n_images, 8 * n_rows_ * n_columns_)
-            Of unit length for each image, or 0 for one without any slope.
-        """
-        images = self._images_to_transform(X).reshape(-1, *self.image_shape_)
-        moments = np.empty((len(images), N_DIRECTIONS, self.n_rows_, self.n_columns_))
-        for cells, image in zip(moments, images, strict=True):
-            cells[:] = orientation_cells(image, self.size, self.n_cells)
-        return moments.reshape(len(images), -1)
-
-    def _feature_names(self) -> list[str]:
-        return [
-            f"o{360 * i // N_DIRECTIONS:03d}_{row}_{column}"
-            for i in range(N_DIRECTIONS)
-            for row in range(self.n_rows_)
-            for column in range(self.n_columns_)
-        ]
+    def layer_names(self) -> list[str]:
+        return [f"o{360 * i // N_DIRECTIONS:03d}" for i in range(N_DIRECTIONS)]
