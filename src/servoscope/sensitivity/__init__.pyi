@@ -1,0 +1,9 @@
+from .config import SensitivityConfig as SensitivityConfig
+from .disturbances import DISTURBANCES as DISTURBANCES
+from .disturbances import Disturbance as Disturbance
+from .first_order import predict_rms as predict_rms
+from .growth import ErrorGrowth as ErrorGrowth
+from .looks import take_images as take_images
+from .measurement import measure as measure
+from .pose_model import PoseModel as PoseModel
+from .pose_model import fit_pose_model as fit_pose_model

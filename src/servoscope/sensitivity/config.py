@@ -1,0 +1,77 @@
+"""What a sensitivity analysis is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from servoscope.acquisition_config import AcquisitionConfig
+from servoscope.errors import InvalidInputError
+from servoscope.features import Eigenfeatures, GeometricMoments
+from servoscope.sensitivity.disturbances import DISTURBANCES
+
+FEATURES: dict[str, Callable[[], Any]] = {
+    "moments": GeometricMoments,
+    "eigenfeatures": lambda: Eigenfeatures(24),
+}
+"""The features that the models take, by name."""
+
+
+@dataclass(frozen=True)
+class SensitivityConfig:
+    """How many images train and test, and what is disturbed.
+
+    Parameters
+    ----------
+    n_images : int
+        Images that train.
+    n_test : int
+        Poses at which images are taken anew with everything disturbed in turn.
+    image_size : int
+        Height and width, [px].
+    seed : int
+        Of poses, noise and disturbances.
+    part : {"cylinder_head", "textured_plane"}
+    disturbances : tuple of str
+        Names of `DISTURBANCES`.
+
+    Raises
+    ------
+    InvalidInputError
+        If there are fewer than 50 images that train or 2 that test, or no such disturbance.
+    """
+
+    n_images: int = 400
+    n_test: int = 60
+    image_size: int = 128
+    seed: int = 0
+    part: str = "cylinder_head"
+    disturbances: tuple[str, ...] = tuple(DISTURBANCES)
+
+    def __post_init__(self) -> None:
+        for name, least in (("n_images", 50), ("n_test", 2)):
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < least:
+                raise InvalidInputError(
+                    f"{name} must be a whole number from {least}, got {value!r}."
+                )
+        if unknown := sorted(set(self.disturbances) - set(DISTURBANCES)):
+            raise InvalidInputError(
+                f"A disturbance is one of {', '.join(DISTURBANCES)}, got {unknown[0]!r}."
+            )
+        self.acquisition()
+
+    def acquisition(self) -> AcquisitionConfig:
+        """The images that train, then those that test."""
+        return AcquisitionConfig(
+            n_images=self.n_images + self.n_test,
+            image_size=self.image_size,
+            seed=self.seed,
+            part=self.part,
+        )
+
+    @property
+    def test_numbers(self) -> range:
+        """Which images of the acquisition test: the last."""
+        return range(self.n_images, self.n_images + self.n_test)

@@ -1,0 +1,109 @@
+"""How the error of one degree of freedom grows with the strength of a disturbance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+DOUBLE = 2.0
+"""How many times the clean error is said to be doubled."""
+
+PARTED = 0.2
+"""Share of the simulated error that first order is off by where the two are said to part."""
+
+
+@dataclass(frozen=True)
+class ErrorGrowth:
+    """Error of one dof at each strength of a disturbance.
+
+    Parameters
+    ----------
+    strengths : tuple of float
+        Without 0.
+    unit : str
+        Of the strengths.
+    simulated_rms, predicted_rms : tuple of float
+        RMS errors: in images taken anew, and by the first-order prediction, [error_unit].
+    simulated_bias : tuple of float
+        Mean errors in the images taken anew, which one image at a known pose would correct,
+        [error_unit].
+    clean_rms : float
+        RMS error undisturbed, [error_unit].
+    error_unit : {"mm", "deg"}
+
+    Examples
+    --------
+    >>> growth = ErrorGrowth((1.0, 2.0), "px", (1.5, 2.5), (1.5, 2.0), (0.0, 0.0), 1.0, "mm")
+    >>> growth.doubles_at
+    1.5
+    >>> growth.parts_at
+    2.0
+    """
+
+    strengths: tuple[float, ...]
+    unit: str
+    simulated_rms: tuple[float, ...]
+    predicted_rms: tuple[float, ...]
+    simulated_bias: tuple[float, ...]
+    clean_rms: float
+    error_unit: str
+
+    @property
+    def doubles_at(self) -> float | None:
+        """The smallest strength, of either sign, at which the error is twice the clean one.
+
+        Interpolated between strengths; None if it is never reached.
+        """
+        return first_reached(
+            self.strengths, self.simulated_rms, start=self.clean_rms, level=DOUBLE * self.clean_rms
+        )
+
+    @property
+    def parts_at(self) -> float | None:
+        """The smallest strength at which first order is more than a fifth off the simulation.
+
+        Interpolated between strengths; None if it never is.
+        """
+        off = [
+            abs(p - s) / s if s else 0.0
+            for s, p in zip(self.simulated_rms, self.predicted_rms, strict=True)
+        ]
+        return first_reached(self.strengths, off, start=0.0, level=PARTED)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it, as plain JSON values."""
+        plain = {name: list(v) if isinstance(v, tuple) else v for name, v in asdict(self).items()}
+        return {**plain, "doubles_at": self.doubles_at, "parts_at": self.parts_at}
+
+
+def first_reached(
+    strengths: Sequence[float], values: Sequence[float], *, start: float, level: float
+) -> float | None:
+    """The smallest strength without its sign at which values reach a level, interpolated.
+
+    Parameters
+    ----------
+    strengths : sequence of float
+    values : sequence of float
+        At each strength.
+    start : float
+        The value at strength 0.
+    level : float
+
+    Examples
+    --------
+    >>> first_reached((-2.0, -1.0, 1.0, 2.0), (4.0, 2.0, 1.0, 2.0), start=0.0, level=3.0)
+    1.5
+    """
+    reached = []
+    for sign in (-1, 1):
+        side = sorted((abs(s), v) for s, v in zip(strengths, values, strict=True) if s * sign > 0)
+        before, value = 0.0, start
+        for strength, further in side:
+            if further >= level:
+                share = (level - value) / (further - value) if further > value else 0.0
+                reached.append(before + max(share, 0.0) * (strength - before))
+                break
+            before, value = strength, further
+    return min(reached, default=None)

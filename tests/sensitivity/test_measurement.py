@@ -1,0 +1,157 @@
+"""First order against closed forms, and against images taken anew."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sklearn.base import BaseEstimator, TransformerMixin
+
+from servoscope.acquisition_config import AcquisitionConfig
+from servoscope.errors import InvalidInputError
+from servoscope.sensitivity import (
+    DISTURBANCES,
+    Disturbance,
+    fit_pose_model,
+    measure,
+    predict_rms,
+    take_images,
+)
+from servoscope.sensitivity.measurement import n_sets
+
+CONFIG = AcquisitionConfig(n_images=12, image_size=64, seed=3, part="textured_plane")
+NUMBERS = range(4, 12)
+
+
+class PixelSums(TransformerMixin, BaseEstimator):
+    """Weighted sums of pixels: features that are linear in the image."""
+
+    def fit(self, X, y=None):
+        self.weights_ = np.random.default_rng(0).standard_normal((X[0].size, 7)) / 64
+        return self
+
+    def transform(self, X):
+        return X.reshape(len(X), -1) @ self.weights_
+
+
+class Linear(BaseEstimator):
+    """A linear map that is not fitted, with the gradient that it has."""
+
+    def fit(self, X, y):
+        self.weights_ = np.linspace(-1, 1, X.shape[1])
+        return self
+
+    def predict(self, X):
+        return X @ self.weights_
+
+    def gradient(self, X):
+        return np.tile(self.weights_, (len(X), 1))
+
+
+class LinearWithoutGradient(Linear):
+    gradient = property()
+
+
+def linear_model(regressor=None):
+    images = take_images(CONFIG, range(4))
+    delta_p = CONFIG.displacements()[:4]
+    return fit_pose_model(images, delta_p, np.full(6, 1e-3), PixelSums(), regressor or Linear())
+
+
+def pixel_weights(model):
+    """What the prediction of tx, in mm, changes by for one grey level of each pixel."""
+    return model.features.weights_ @ model.regressors["tx"].weights_
+
+
+def test_noise_through_a_linear_model_is_the_sum_of_the_squared_derivatives():
+    model = linear_model()
+    noise = replace(DISTURBANCES["noise"], strengths=(2.0, 4.0, 8.0))
+    growth = measure(noise, {"m": model}, CONFIG, NUMBERS, n_draws=40, n_jobs=1)["m"]["tx"]
+    variance = (pixel_weights(model) ** 2).sum()
+    wanted = np.sqrt(growth.clean_rms**2 + np.square(growth.strengths) * variance)
+    assert growth.predicted_rms == pytest.approx(wanted, rel=0.05)
+    assert growth.simulated_rms == pytest.approx(growth.predicted_rms, rel=0.02)
+    assert growth.parts_at is None
+
+
+def test_first_order_of_a_linear_model_and_change_is_exact():
+    """Brighter by a grey level for each unit: rounding leaves it exact at whole strengths."""
+
+    def brighter(look, grey, rng):
+        size = look.scene.image_size
+        return replace(look, added_noise=np.full((size, size), grey))
+
+    disturbance = Disturbance(brighter, "grey levels", (-4.0, -1.0, 1.0, 2.0, 4.0))
+    model = linear_model()
+    growth = measure(disturbance, {"m": model}, CONFIG, NUMBERS, n_jobs=1)["m"]["tx"]
+    assert growth.simulated_rms == pytest.approx(growth.predicted_rms, rel=1e-9)
+    told = 1e3 * CONFIG.displacements()[list(NUMBERS), 0]
+    images = take_images(CONFIG, NUMBERS).reshape(len(NUMBERS), -1)
+    clean = images @ pixel_weights(model) - told
+    assert growth.clean_rms == pytest.approx(np.sqrt((clean**2).mean()))
+    shift = pixel_weights(model).sum()
+    assert growth.simulated_bias == pytest.approx(clean.mean() + shift * np.array(growth.strengths))
+
+
+def test_a_disturbance_by_its_square_is_predicted_by_its_square():
+    def brighter(look, strength, rng):
+        size = look.scene.image_size
+        return replace(look, added_noise=np.full((size, size), strength**2))
+
+    disturbance = Disturbance(brighter, "1", (1.0, 2.0, 3.0), power=2)
+    growth = measure(disturbance, {"m": linear_model()}, CONFIG, NUMBERS, n_jobs=1)["m"]["rz"]
+    assert growth.simulated_rms == pytest.approx(growth.predicted_rms, rel=1e-9)
+
+
+def test_regressors_without_a_gradient_are_differenced():
+    rng = np.random.default_rng(1)
+    X, direction = rng.standard_normal((2, 5, 7))
+    closed, differenced = (linear_model(r) for r in (Linear(), LinearWithoutGradient()))
+    assert not hasattr(differenced.regressors["tx"], "gradient")
+    assert differenced.slope(X, direction) == pytest.approx(closed.slope(X, direction), rel=1e-6)
+    assert not differenced.slope(X, np.zeros((5, 7))).any()
+
+
+def test_the_slope_is_that_of_the_prediction():
+    class Cubic(Linear):
+        def predict(self, X):
+            return (X @ self.weights_) ** 3
+
+        def gradient(self, X):
+            return 3 * ((X @ self.weights_) ** 2)[:, None] * self.weights_
+
+    images = take_images(CONFIG, range(4))
+    ranges = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    model = fit_pose_model(images, np.zeros((4, 6)), ranges, PixelSums(), Cubic())
+    X, direction = np.random.default_rng(1).standard_normal((2, 5, 7))
+    h = 1e-5
+    wanted = (model.predict(X + h * direction) - model.predict(X - h * direction)) / (2 * h)
+    assert model.slope(X, direction) == pytest.approx(wanted, rel=1e-6)
+
+
+def test_leaps_of_features_do_not_add_up_in_the_prediction():
+    """Two derivatives that agree but for noise of their own; the closed form without the noise."""
+    rng = np.random.default_rng(0)
+    clean, slope = rng.standard_normal((2, 4000, 1))
+    noise = 10 * rng.standard_normal((2, 1, 4000, 1))
+    (got,) = predict_rms(clean, (slope + noise[0], slope + noise[1]), [2.0])
+    assert got == pytest.approx(np.sqrt(1 + 4), rel=0.5)
+    squared_up = np.sqrt(((clean + 2 * (slope + noise[0])) ** 2).mean())
+    assert squared_up > 15
+
+
+def test_the_number_of_processes_does_not_matter_and_progress_is_told():
+    noise = replace(DISTURBANCES["noise"], strengths=(2.0, 8.0))
+    told = []
+    models = {"m": linear_model()}
+    alone = measure(noise, models, CONFIG, NUMBERS, n_jobs=1, on_progress=told.append)
+    shared = measure(noise, models, CONFIG, NUMBERS, n_jobs=2)
+    assert alone == shared
+    assert told == list(range(1, n_sets(noise) + 1))
+
+
+def test_strengths_that_cannot_be_are_refused():
+    for strengths in ((), (1.0,), (-1.0, 1.0), (0.0, 1.0), (1.0, np.inf)):
+        with pytest.raises(InvalidInputError, match="strengths must be"):
+            Disturbance(lambda look, s, rng: look, "px", strengths)
+    with pytest.raises(InvalidInputError, match="power must be"):
+        Disturbance(lambda look, s, rng: look, "px", (1.0, 2.0), power=3)
