@@ -1,10 +1,14 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sklearn.metrics.cluster import contingency_matrix, expected_mutual_information
 
 from servoscope.errors import InvalidInputError
 from servoscope.selection.bias import CORRECTIONS, corrected_mutual_information, information_bias
 from servoscope.selection.binning import bin_codes
 from servoscope.selection.mutual_information import mutual_information
+from servoscope.selection.surrogates import rearrangements
 
 
 def entropy(*codes):
@@ -60,19 +64,32 @@ def test_related_gaussians_come_nearer_to_many_samples_by_miller_madow():
 def test_bias_of_a_constant_is_none(rng):
     X = np.column_stack([np.ones(100), rng.normal(size=100)])
     for correction in CORRECTIONS:
-        bias = information_bias(X, X[:, 1], correction=correction, n_permutations=3)
+        bias = information_bias(X, X[:, 1], correction=correction)
         assert bias[0] == 0
         assert bias[1] != 0
 
 
-def test_permutations_are_those_of_the_seed(rng):
-    X, y = rng.normal(size=(80, 3)), rng.normal(size=80)
+@given(st.integers(1, 90), st.integers(2, 9), st.integers(2, 9), st.integers(0, 99))
+def test_the_mean_over_permutations_is_that_of_scikit_learn(n_samples, n_a, n_b, seed):
+    rng = np.random.default_rng(seed)
+    X, y = rng.integers(0, n_a, (n_samples, 1)), rng.integers(0, n_b, n_samples) ** 2
+    a, b = bin_codes(X, 9)[0], bin_codes(y[:, None], 9)[0]
+    table = contingency_matrix(a, b)
+    expected = expected_mutual_information(table, n_samples) / np.log(2)
+    assert information_bias(X, y, 9, "permutation")[0] == pytest.approx(expected, abs=1e-10)
 
-    def bias(seed):
-        return information_bias(X, y, 5, "permutation", n_permutations=5, random_state=seed)
 
-    np.testing.assert_array_equal(bias(3), bias(3))
-    assert (bias(3) != bias(4)).any()
+def test_the_mean_over_permutations_is_that_of_shuffled_targets(rng):
+    X, y = rng.exponential(size=(200, 3)), rng.normal(size=200)
+    shuffled = [mutual_information(X, y[o]) for o in rearrangements(200, "shuffle", 2000)]
+    expected = np.mean(shuffled, axis=0)
+    np.testing.assert_allclose(information_bias(X, y, 10, "permutation"), expected, rtol=0.02)
+
+
+def test_the_mean_over_permutations_of_many_samples_is_that_of_chi_square(rng):
+    X, y = rng.uniform(size=(100_000, 2)), rng.uniform(size=100_000)
+    means = (information_bias(X, y, 10, c) for c in ("permutation", "chi_square"))
+    np.testing.assert_allclose(*means, rtol=0.002)
 
 
 def test_an_unknown_correction_is_refused(rng):

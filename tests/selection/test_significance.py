@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from scipy.stats import chi2_contingency
+from scipy.stats import chi2, chi2_contingency
+from sklearn.metrics.cluster import expected_mutual_information
 
 from servoscope.errors import InvalidInputError
 from servoscope.selection.binning import bin_codes
@@ -55,18 +56,28 @@ def test_unrelated_sequences_are_mostly_rejected_as_if_their_samples_were_indepe
     assert rate(information_test(X, Y, 6, null=null, n_permutations=99)) > 0.7
 
 
-def test_chi_square_p_values_are_those_of_the_likelihood_ratio_test_of_scipy(rng):
+def test_chi_square_p_values_are_those_of_the_scaled_likelihood_ratio_of_scipy(rng):
     X = rng.normal(size=(400, 5))
     y = 0.15 * X[:, 0] + rng.normal(size=400)
     test = information_test(X, y, 7)
     (b,) = bin_codes(y[:, None], 7)
     for i, a in enumerate(bin_codes(X, 7)):
-        table = np.zeros((7, 7))
+        table = np.zeros((7, 7), int)
         np.add.at(table, (a, b), 1)
         table = table[table.any(axis=1)][:, table.any(axis=0)]
-        expected = chi2_contingency(table, lambda_="log-likelihood")
-        assert test.p_values[i] == pytest.approx(expected.pvalue, rel=1e-9)
-        assert test.null_mean[i] == pytest.approx(expected.dof / (800 * np.log(2)))
+        found = chi2_contingency(table, lambda_="log-likelihood")
+        mean = expected_mutual_information(table, 400)
+        scaled = found.statistic * found.dof / (800 * mean)
+        assert test.p_values[i] == pytest.approx(chi2.sf(scaled, found.dof), rel=1e-6)
+        assert test.null_mean[i] == pytest.approx(mean / np.log(2))
+
+
+@pytest.mark.parametrize("draw", ["uniform", "normal", "exponential"])
+@pytest.mark.parametrize(("n_samples", "n_bins"), [(160, 10), (1000, 20)])
+def test_few_samples_a_cell_are_no_obstacle(draw, n_samples, n_bins):
+    rng = np.random.default_rng(8)
+    X, Y = (getattr(rng, draw)(size=(n_samples, 30)) for _ in range(2))
+    assert 0.01 < rate(information_test(X, Y, n_bins)) < 0.08
 
 
 def test_permutation_p_values_count_what_is_as_much():

@@ -8,17 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 from servoscope.compiled import compiled
 from servoscope.errors import InvalidInputError
 from servoscope.selection.binning import Codes
+from servoscope.selection.expected_information import expected_information
 from servoscope.selection.histogram_sums import joint_counts
-from servoscope.selection.mutual_information import (
-    bin_samples,
-    information_of_codes,
-    mutual_information,
-)
-from servoscope.selection.surrogates import rearrangements
+from servoscope.selection.mutual_information import bin_samples, mutual_information
 from servoscope.selection.tables import one_column_each
 
 CORRECTIONS = ("miller_madow", "chi_square", "permutation")
-"""Estimates of the bias, from the quickest and least sweeping to the slowest."""
+"""Estimates of the bias: of variables that may be related, and of unrelated ones in two ways."""
 
 
 def information_bias(
@@ -26,9 +22,6 @@ def information_bias(
     y: ArrayLike,
     n_bins: int = 10,
     correction: str = "miller_madow",
-    *,
-    n_permutations: int = 100,
-    random_state: int = 0,
 ) -> NDArray[np.float64]:
     """Bias of `mutual_information`, estimated, [bits].
 
@@ -38,12 +31,11 @@ def information_bias(
     y : array of shape (n_samples,) or (n_samples, n_targets)
     n_bins : int
     correction : {"miller_madow", "chi_square", "permutation"}
-        ``"miller_madow"`` holds for related and unrelated variables alike; it is negative where
-        one of them tells nearly all of the other. The others are the mean of unrelated variables,
-        ``"chi_square"`` for many samples, ``"permutation"`` with shuffled targets; for related
-        ones, which fill fewer cells, they are too large.
-    n_permutations, random_state : int
-        For ``"permutation"``.
+        ``"miller_madow"`` holds for related and unrelated variables alike, if it is somewhat small
+        where cells expect less than a sample; it is negative where one variable tells nearly all
+        of the other. The others are the mean of unrelated variables: ``"chi_square"`` for many
+        samples in every cell, ``"permutation"`` exactly, over all orders of the samples. For
+        related variables, which fill fewer cells, they are too large.
 
     Returns
     -------
@@ -79,9 +71,7 @@ def information_bias(
     codes, targets = bin_samples(X, y, n_bins)
     n_samples = codes.shape[1]
     if correction == "permutation":
-        orders = rearrangements(n_samples, "shuffle", n_permutations, None, random_state)
-        null = (information_of_codes(codes, targets[:, order], n_bins) for order in orders)
-        bias = sum(null, np.zeros((len(codes), len(targets)))) / n_permutations
+        bias = expected_information(codes, targets, n_bins)
     elif correction == "chi_square":
         bias = degrees_of_freedom(codes, targets) / (2 * n_samples * np.log(2))
     else:
@@ -94,15 +84,12 @@ def corrected_mutual_information(
     y: ArrayLike,
     n_bins: int = 10,
     correction: str = "miller_madow",
-    *,
-    n_permutations: int = 100,
-    random_state: int = 0,
 ) -> NDArray[np.float64]:
     """Mutual information of every feature with every target less its bias, [bits].
 
     Parameters
     ----------
-    X, y, n_bins, correction, n_permutations, random_state
+    X, y, n_bins, correction
         As of `information_bias`.
 
     Returns
@@ -118,9 +105,7 @@ def corrected_mutual_information(
     >>> abs(corrected_mutual_information(X, y).mean()) < 0.001
     np.True_
     """
-    return mutual_information(X, y, n_bins) - information_bias(
-        X, y, n_bins, correction, n_permutations=n_permutations, random_state=random_state
-    )
+    return mutual_information(X, y, n_bins) - information_bias(X, y, n_bins, correction)
 
 
 def degrees_of_freedom(a: Codes, b: Codes) -> NDArray[np.intp]:

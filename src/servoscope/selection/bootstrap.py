@@ -83,9 +83,12 @@ def information_interval(
     ``2 I - q_high`` to ``2 I - q_low`` with the percentiles q of the resamples, cut at 0: they turn
     the resamples' bias round, and with it take away the estimate's. They are about what the
     estimator tends to with many samples, for a histogram the information of the bins. Half of the
-    samples deviate from all as all do from the truth. In simulations of 500 Gaussian samples 95 %
-    intervals held the truth 90 to 94 times in 100, those
-    of sequences in blocks of about five times their memory 89 to 92 times.
+    samples deviate from all as all do from the truth.
+
+    In simulations of 300 to 600 Gaussian samples 95 % intervals held the truth 86 to 94 times in
+    100; those of sequences in blocks of six times their memory 89 to 92 times, in blocks of one
+    58 times. Only the bootstrap of ``"corrected_histogram"``, which takes bias away twice, held it
+    77 to 87 times.
 
     References
     ----------

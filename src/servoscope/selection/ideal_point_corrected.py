@@ -51,7 +51,7 @@ def rank_ideal_point_corrected(
     """
     X, y, n_bins = candidates.X, candidates.y, candidates.n_bins
     relevance = corrected_mutual_information(X, y, n_bins, correction)
-    pairwise = candidates.pairwise - _pairwise_bias(X, n_bins, correction)
+    pairwise = corrected_mutual_information(X, X, n_bins, correction)
     return rank_ideal_point(np.maximum(relevance, 0.0), np.maximum(pairwise, 0.0), n_features)
 
 
@@ -90,10 +90,6 @@ def redundancy_bias(
     >>> ranking.redundancy.round(2), redundancy_bias(X, ranking).round(2)
     (array([0.  , 0.06, 0.11]), array([0.  , 0.06, 0.12]))
     """
-    bias = _pairwise_bias(np.asarray(X)[:, ranking.order], n_bins, correction)
+    selected = np.asarray(X)[:, ranking.order]
+    bias = information_bias(selected, selected, n_bins, correction)
     return np.tril(bias, -1).sum(axis=1)
-
-
-def _pairwise_bias(X: ArrayLike, n_bins: int, correction: str) -> NDArray[np.float64]:
-    bias = information_bias(X, X, n_bins, correction)
-    return (bias + bias.T) / 2  # by permutation, the two differ by chance
