@@ -1,3 +1,5 @@
+from functools import partial
+
 import numpy as np
 import pytest
 from sklearn.base import clone
@@ -6,7 +8,10 @@ from sklearn.pipeline import make_pipeline
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from servoscope.errors import InvalidInputError
+from servoscope.selection.candidates import Candidates
+from servoscope.selection.criteria import CRITERIA
 from servoscope.selection.ideal_point import rank_ideal_point
+from servoscope.selection.ideal_point_corrected import rank_ideal_point_corrected
 from servoscope.selection.mutual_information import mutual_information, pairwise_mutual_information
 from servoscope.selection.selector import MutualInfoSelector
 
@@ -96,3 +101,19 @@ def test_a_feature_that_is_not_finite_is_refused(data):
     X[3, 2] = np.nan
     with pytest.raises(InvalidInputError, match=r"X must be finite .* column 2"):
         MutualInfoSelector().fit(X, y)
+
+
+def test_a_criterion_may_be_a_function(data):
+    X, y = data
+    criterion = partial(rank_ideal_point_corrected, correction="chi_square")
+    selector = clone(MutualInfoSelector(n_features=4, criterion=criterion)).fit(X, y)
+    expected = rank_ideal_point_corrected(Candidates(X, y), 4, "chi_square")
+    np.testing.assert_array_equal(selector.ranking_, expected.order)
+    np.testing.assert_array_equal(selector.redundancy_, expected.redundancy)
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_every_criterion_selects_by_its_name(data, criterion):
+    X, y = data
+    selector = MutualInfoSelector(n_features=3, criterion=criterion).fit(X, y)
+    assert selector.ranking_.tolist() == CRITERIA[criterion](Candidates(X, y), 3).order.tolist()

@@ -88,13 +88,32 @@ def test_permutation_p_values_count_what_is_as_much():
     assert information_test(x[:, None], x, 2, null="shifts").p_values[0] == 2 / 4
 
 
+@pytest.mark.parametrize("related", [0.25, 0.35, 0.5])
+def test_p_values_beyond_the_permutations_go_on_as_chi_square(related):
+    x, noise = np.random.default_rng(9).uniform(size=(2, 800))
+    X, y = x[:, None], related * x + noise
+    by_permutation = information_test(X, y, 6, null="shuffle", n_permutations=300).p_values[0]
+    by_chi_square = information_test(X, y, 6).p_values[0]
+    assert by_chi_square < 1e-3
+    assert np.log(by_permutation) == pytest.approx(np.log(by_chi_square), rel=0.2)
+
+
+def test_a_short_sequence_can_tell_one_feature_among_many():
+    rng = np.random.default_rng(10)
+    X, Y = sequences(rng, 200, 60), sequences(rng, 200, 3)
+    X[:, 5] = Y[:, 1] + 0.3 * rng.normal(size=200)
+    found = information_test(X, Y, 6, null="shifts").significant
+    assert found[5, 1]
+    assert found.sum() <= 3
+
+
 def test_what_is_found_is_what_is_there():
     rng = np.random.default_rng(6)
     X, Y = rng.normal(size=(500, 32)), rng.normal(size=(500, 6))
     Y[:, 2] += 0.8 * X[:, 7]
     Y[:, 5] += 0.8 * X[:, 31]
     for null in ("chi_square", "shuffle"):
-        test = information_test(X, Y, null=null, n_permutations=6999)
+        test = information_test(X, Y, null=null, n_permutations=199)
         assert {(7, 2), (31, 5)} <= set(zip(*np.nonzero(test.significant), strict=True))
         assert test.significant.sum() <= 3
 
