@@ -35,9 +35,12 @@ from .regression import NetworkJob as NetworkJob
 from .regression import PoseRegressor as PoseRegressor
 from .regression import train_networks as train_networks
 from .selection import Forecast as Forecast
+from .selection import LearningCurve as LearningCurve
 from .selection import MutualInfoSelector as MutualInfoSelector
 from .selection import crossfit_forecast as crossfit_forecast
 from .selection import forecast_errors as forecast_errors
+from .selection import forward_selection as forward_selection
+from .selection import learning_curve as learning_curve
 from .selection import estimate_information as estimate_information
 from .selection import information_test as information_test
 from .selection import mutual_information as mutual_information

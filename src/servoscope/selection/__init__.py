@@ -19,6 +19,11 @@ from servoscope.selection.entropy_power import EntropyPower, entropy_power
 from servoscope.selection.equal_frequency import equal_frequency_information
 from servoscope.selection.estimators import ESTIMATORS, estimate_information, ksg_information
 from servoscope.selection.forecast import Forecast, forecast_errors
+from servoscope.selection.forward_selection import (
+    ForwardRanking,
+    forward_selection,
+    rank_forward,
+)
 from servoscope.selection.gaussian_copula import gaussian_copula_information
 from servoscope.selection.ideal_point import rank_ideal_point
 from servoscope.selection.ideal_point_corrected import (
@@ -26,6 +31,7 @@ from servoscope.selection.ideal_point_corrected import (
     redundancy_bias,
 )
 from servoscope.selection.jmi import rank_jmi
+from servoscope.selection.learning_curve import LearningCurve, PredictedError, learning_curve
 from servoscope.selection.mrmr import rank_mrmr
 from servoscope.selection.mutual_information import (
     mutual_information,
@@ -45,10 +51,13 @@ __all__ = [
     "FeatureFamily",
     "Fold",
     "Forecast",
+    "ForwardRanking",
     "InformationInterval",
     "InformationTest",
+    "LearningCurve",
     "MutualInfoSelector",
     "OrderStability",
+    "PredictedError",
     "Ranking",
     "ThresholdSubset",
     "best_subset",
@@ -60,16 +69,19 @@ __all__ = [
     "estimate_information",
     "forecast_errors",
     "forecast_from_folds",
+    "forward_selection",
     "gaussian_copula_information",
     "information_bias",
     "information_interval",
     "information_test",
     "ksg_information",
+    "learning_curve",
     "mutual_information",
     "order_stability",
     "pairwise_mutual_information",
     "rank_cmim",
     "rank_conditional",
+    "rank_forward",
     "rank_ideal_point",
     "rank_ideal_point_corrected",
     "rank_jmi",

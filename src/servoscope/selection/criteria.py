@@ -7,6 +7,7 @@ from collections.abc import Callable
 from servoscope.selection.candidates import Candidates
 from servoscope.selection.cmim import rank_cmim
 from servoscope.selection.conditional import rank_conditional
+from servoscope.selection.forward_selection import rank_forward
 from servoscope.selection.ideal_point import rank_ideal_point
 from servoscope.selection.ideal_point_corrected import rank_ideal_point_corrected
 from servoscope.selection.jmi import rank_jmi
@@ -31,5 +32,6 @@ CRITERIA: dict[str, Criterion] = {
     "jmi": rank_jmi,
     "cmim": rank_cmim,
     "conditional": rank_conditional,
+    "forecast": rank_forward,
 }
 """What `MutualInfoSelector` takes by name."""

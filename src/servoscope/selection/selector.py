@@ -25,8 +25,8 @@ class MutualInfoSelector(SelectorMixin, BaseEstimator):
         How many features to select; all of them if there are fewer.
     criterion : str or callable
         The rule that selects the next feature, by its name in `CRITERIA` (``"ideal_point"``,
-        ``"ideal_point_corrected"``, ``"mrmr"``, ``"jmi"``, ``"cmim"``, ``"conditional"``), or a
-        function from `Candidates` and a number of features to a `Ranking`.
+        ``"ideal_point_corrected"``, ``"mrmr"``, ``"jmi"``, ``"cmim"``, ``"conditional"``,
+        ``"forecast"``), or a function from `Candidates` and a number of features to a `Ranking`.
     n_bins : int
         Number of equal-width bins over the observed range of each variable, 2 to 256.
 
