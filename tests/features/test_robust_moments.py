@@ -3,6 +3,7 @@ import pytest
 
 import servoscope as sv
 from servoscope.errors import InvalidInputError
+from servoscope.features import robust_moments
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +36,23 @@ def test_what_covers_a_part_of_the_view_changes_features_much_less_than_moments(
     plain = own_moments(images)
     plain_change = np.abs(own_moments(covered) - plain).mean() / plain.std(axis=0).mean()
     assert change / spread < 0.5 * plain_change
+
+
+def test_few_eigenvectors_first_keep_more_of_them_from_following_what_covers(
+    images, covered, monkeypatch
+):
+    robust = sv.RobustMoments(n_cells=4, n_components=50, n_fine_cells=10).fit(images)
+    expected = robust.transform(images)
+    change = np.abs(robust.transform(covered) - expected).mean()
+    monkeypatch.setattr(robust_moments, "_COARSE_SCALES", (1e9,))
+    assert change < 0.95 * np.abs(robust.transform(covered) - expected).mean()
+
+
+def test_what_is_white_may_change_intensities_only(robust):
+    nuisances = robust.fine_.nuisances
+    assert nuisances.shape == (4, 1400)
+    assert (nuisances[:, :800] == 0).all()
+    assert (np.abs(nuisances[:, 800:]).max(axis=1) > 0).all()
 
 
 def test_of_an_image_as_in_training_they_are_nearly_its_own_moments(robust, images):

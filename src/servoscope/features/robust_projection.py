@@ -75,29 +75,28 @@ class RobustProjection:
         completed : ndarray of shape (n, n_values)
         weights : ndarray of shape (n, n_places)
         """
-        if weights is None:
-            weights = np.ones((len(values), len(self.mean) // self.n_layers))
-        completed, weights = np.empty_like(values), weights.copy()
-        design = np.vstack([_SCALE_DEVIATION * self.mean, self.components, self.nuisances])
-        design /= self.noise
-        grams = self._grams(design)
+        n_places = len(self.mean) // self.n_layers
+        weights = np.ones((len(values), n_places)) if weights is None else weights.copy()
+        completed = np.empty_like(values)
         with one_blas_thread():
+            design = np.vstack([_SCALE_DEVIATION * self.mean, self.components, self.nuisances])
+            design /= self.noise
+            grams = self._grams(design)
             for start in range(0, len(values), _BLOCK):
                 block = slice(start, start + _BLOCK)
                 for scale in scales:
                     solution = self._solve(values[block], design, grams, weights[block])
                     residuals = values[block] / self.noise - solution @ design
-                    squares = (residuals.reshape(len(solution), self.n_layers, -1) ** 2).mean(1)
+                    squares = np.square(residuals).reshape(-1, self.n_layers, n_places).mean(axis=1)
                     weights[block] = (scale**2 / (scale**2 + squares)) ** 2
-                factor = np.maximum(_SCALE_DEVIATION * solution[:, :1], 0.1)
-                of_components = solution[:, 1 : 1 + len(self.components)] / factor
-                completed[block] = self.mean + of_components @ self.components
+                completed[block] = self._without_nuisances(solution)
         return completed, weights
 
     def _grams(self, design: Array) -> Array:
-        """Inner products of the rows of `design` in each place, (n_places, n_rows^2)."""
+        """Inner products of the rows of `design` in each place, one row of a triangle each."""
         by_place = design.reshape(len(design), self.n_layers, -1).transpose(2, 0, 1)
-        return (by_place @ by_place.transpose(0, 2, 1)).reshape(len(by_place), -1)
+        rows, columns = np.triu_indices(len(design))
+        return np.array([(place @ place.T)[rows, columns] for place in by_place])
 
     def _solve(self, values: Array, design: Array, grams: Array, weights: Array) -> Array:
         n_rows = len(design)
@@ -105,8 +104,15 @@ class RobustProjection:
         expected[0] = 1 / _SCALE_DEVIATION
         weighted = values / self.noise * np.tile(weights, self.n_layers)
         right = weighted @ design.T + expected
-        left = (weights @ grams).reshape(-1, n_rows, n_rows) + np.eye(n_rows)
+        left = np.zeros((len(values), n_rows, n_rows))
+        left[:, *np.triu_indices(n_rows)] = weights @ grams
+        left += np.eye(n_rows)
         return np.array([_solve_positive(*system) for system in zip(left, right, strict=True)])
+
+    def _without_nuisances(self, solution: Array) -> Array:
+        """``mean + u E`` of solutions, ``a`` being kept away from 0."""
+        factor = np.maximum(_SCALE_DEVIATION * solution[:, :1], 0.1)
+        return self.mean + solution[:, 1 : 1 + len(self.components)] / factor @ self.components
 
 
 def fit_robust_projection(
@@ -137,6 +143,7 @@ def fit_robust_projection(
 
 
 def _solve_positive(left: Array, right: Array) -> Array:
+    """The solution by the upper triangle of `left`."""
     _, solution, info = lapack.dposv(left, right)
     if info != 0:
         raise LinAlgError("The normal equations are not positive definite.")
