@@ -28,8 +28,10 @@ from .positioning import LoopSettings as LoopSettings
 from .positioning import Positioner as Positioner
 from .positioning import PositioningModel as PositioningModel
 from .positioning import PositioningResult as PositioningResult
+from .regression import BayesianLMRegressor as BayesianLMRegressor
 from .regression import GaussianKernelRidge as GaussianKernelRidge
 from .regression import GaussianProcess as GaussianProcess
+from .regression import LBFGSRegressor as LBFGSRegressor
 from .regression import LMRegressor as LMRegressor
 from .regression import NetworkJob as NetworkJob
 from .regression import PoseRegressor as PoseRegressor

@@ -131,6 +131,34 @@ def test_arrays_bring_back_the_same_predictions_bit_for_bit(tmp_path):
     assert copy.n_features_in_ == 2
 
 
+def test_deviation_is_the_validation_error_and_comes_back_from_arrays():
+    X, y = _product(noise=0.3)
+    net = _fit(X, y)
+    mean, deviation = net.predict(X, return_std=True)
+    np.testing.assert_array_equal(mean, net.predict(X))
+    np.testing.assert_array_equal(deviation, net.result_.best_rms)
+    copy = LMRegressor.from_arrays(net.to_arrays())
+    np.testing.assert_array_equal(copy.predict(X, return_std=True)[1], deviation)
+
+
+def test_deviation_without_validation_is_the_training_error():
+    X, y = _product(noise=0.3)
+    net = LMRegressor(max_iter=5).fit(X, y)
+    mean, deviation = net.predict(X, return_std=True)
+    np.testing.assert_allclose(deviation, np.sqrt(np.mean((mean - y) ** 2)), rtol=1e-10)
+
+
+def test_arrays_from_before_the_error_was_kept_predict_but_know_no_deviation():
+    X, y = _product(n=20)
+    net = LMRegressor(max_iter=2).fit(X, y)
+    arrays = net.to_arrays()
+    del arrays["error"]
+    copy = LMRegressor.from_arrays(arrays)
+    np.testing.assert_array_equal(copy.predict(X), net.predict(X))
+    with pytest.raises(InvalidInputError, match="kept without its error"):
+        copy.predict(X, return_std=True)
+
+
 def test_arrays_of_a_constant_target_bring_it_back():
     X, _ = _product()
     net = LMRegressor(max_iter=2).fit(X, np.full(400, 3.0))

@@ -1,5 +1,7 @@
+from .bayesian_network import BayesianLMRegressor as BayesianLMRegressor
 from .gaussian_process import GaussianProcess as GaussianProcess
 from .kernel_ridge import GaussianKernelRidge as GaussianKernelRidge
+from .lbfgs_network import LBFGSRegressor as LBFGSRegressor
 from .levenberg_marquardt import LMResult as LMResult
 from .levenberg_marquardt import LMSettings as LMSettings
 from .network import LMRegressor as LMRegressor

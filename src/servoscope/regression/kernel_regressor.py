@@ -16,6 +16,7 @@ from servoscope.errors import InvalidInputError
 from servoscope.kernels import GaussianKernel
 from servoscope.regression.kernel_posterior import KernelPosterior
 from servoscope.regression.samples import Array, Samples, check_arrays, check_samples
+from servoscope.regression.surprise import surprise
 
 KERNEL_SAMPLES = 600
 """Of more samples than that, so many decide on the kernel."""
@@ -63,10 +64,12 @@ class KernelRegressor(RegressorMixin, BaseEstimator):
         samples, kernel = training, self._find_kernel(training)
         if validation is not None:
             samples = drawn(training.joined(validation), self.max_samples)
-            surprise = _surprise(kernel, training, validation)
+            posterior = KernelPosterior(kernel, training)
+            errors = validation.y - posterior.mean(validation.X)
+            factor = surprise(errors, posterior.deviation(validation.X))
             if len(training.y) < KERNEL_SAMPLES:
                 kernel = self._find_kernel(samples)
-            kernel = replace(kernel, signal=surprise * kernel.signal, noise=surprise * kernel.noise)
+            kernel = replace(kernel, signal=factor * kernel.signal, noise=factor * kernel.noise)
         self.posterior_ = KernelPosterior(kernel, samples)
         return self
 
@@ -142,19 +145,6 @@ class KernelRegressor(RegressorMixin, BaseEstimator):
     def _check_features(self, X: ArrayLike) -> Array:
         check_is_fitted(self)
         return np.asarray(validate_data(self, X, reset=False, dtype=np.float64))
-
-
-def _surprise(kernel: GaussianKernel, training: Samples, validation: Samples) -> float:
-    """RMS error at validation samples, each in units of the standard deviation expected of it.
-
-    Signal and noise that are both multiplied by it leave every prediction as it is.
-    """
-    posterior = KernelPosterior(kernel, training)
-    errors = validation.y - posterior.mean(validation.X)
-    expected = posterior.deviation(validation.X)
-    if not expected.all() or not errors.any():
-        return 1.0
-    return float(np.sqrt(np.mean((errors / expected) ** 2)))
 
 
 def drawn(samples: Samples, n: int) -> Samples:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.regression.normal_equations import NormalEquations, normal_equations
 from servoscope.regression.objective import Objective, Point
-from servoscope.regression.tanh_network import Array, split_weights
-
-Status = Literal["stopped_early", "converged", "max_iter", "damping_limit"]
+from servoscope.regression.tanh_network import Array, append_ones, split_weights
+from servoscope.regression.training_result import Status, TrainingResult
 
 _DAMPING_FALL, _DAMPING_RISE = 0.5, 3.0
 _TRUSTED_GAIN = 0.75
@@ -47,42 +48,23 @@ class LMSettings:
     min_improvement: float = 0.005
     tol: float = 1e-6
 
+    def trainer(self, X: Array, hidden: int) -> Callable[..., LMResult]:
+        """What trains from a start; see `levenberg_marquardt`."""
+        equations = normal_equations(append_ones(X), hidden)
+        return partial(levenberg_marquardt, settings=self, equations=equations)
+
 
 @dataclass(frozen=True, eq=False)
-class LMResult:
+class LMResult(TrainingResult):
     """What `levenberg_marquardt` found.
 
     Attributes
     ----------
-    weights : ndarray of shape (n_weights,)
-        Those of the best iteration.
-    status : {"stopped_early", "converged", "max_iter", "damping_limit"}
-        Why training ended: the validation error stopped falling, the training error did, the
-        steps ran out, or no damping gave a step that lowers the training error.
-    n_iter : int
-        Number of steps taken.
-    best_iteration : int
-        The step after which the validation error was least; the last one without validation.
-    training_rms, validation_rms : ndarray of shape (n_iter + 1,)
-        Error before the first step and after each, in units of the target; the validation error
-        is NaN without validation.
     damping : ndarray of shape (n_iter + 1,)
         Damping of each step; the starting one comes first.
     """
 
-    weights: NDArray[np.float64]
-    status: Status
-    n_iter: int
-    best_iteration: int
-    training_rms: NDArray[np.float64]
-    validation_rms: NDArray[np.float64]
     damping: NDArray[np.float64]
-
-    @property
-    def best_rms(self) -> float:
-        """Validation error of `weights`, or training error where there was no validation."""
-        rms = self.training_rms if np.isnan(self.validation_rms).any() else self.validation_rms
-        return float(rms[self.best_iteration])
 
 
 def levenberg_marquardt(

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from servoscope.processes import one_blas_thread
-from servoscope.regression.levenberg_marquardt import LMResult, LMSettings, levenberg_marquardt
-from servoscope.regression.normal_equations import normal_equations
 from servoscope.regression.tanh_network import (
     Array,
     append_ones,
@@ -17,6 +16,14 @@ from servoscope.regression.tanh_network import (
     evaluate,
     initial_weights,
 )
+from servoscope.regression.training_result import TrainingResult
+
+
+class Settings(Protocol):
+    """A way of training, such as `LMSettings`."""
+
+    def trainer(self, X: Array, hidden: int) -> Callable[..., TrainingResult]:
+        """What trains from a start on inputs X, called as `levenberg_marquardt` is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,17 +55,21 @@ class TrainedNetwork:
     ----------
     weights : ndarray of shape (n_weights,)
     inputs, target : Standardisation
-    results : tuple of LMResult
+    results : tuple of TrainingResult
         One for each start, errors in units of the target.
     best : int
         Which of them gave the weights.
+    error : float
+        RMS error at validation samples, at training samples where there were none; NaN where it
+        is not known.
     """
 
     weights: Array
     inputs: Standardisation
     target: Standardisation
-    results: tuple[LMResult, ...] = ()
+    results: tuple[TrainingResult, ...] = ()
     best: int = 0
+    error: float = float("nan")
 
     def predict(self, X: Array) -> Array:
         """The target at ``X`` of shape (n, k)."""
@@ -75,9 +86,9 @@ def train_restarts(
     hidden: int,
     restarts: int,
     seed: int,
-    settings: LMSettings,
+    settings: Settings,
 ) -> TrainedNetwork:
-    """Train from `restarts` random starts and keep the start with the least `best_rms`.
+    """Train from `restarts` random starts and keep the start of the least `loss`.
 
     Runs with one BLAS thread, so that a seed gives the same weights in any process. A constant
     target needs no search: all weights are zero.
@@ -91,13 +102,12 @@ def train_restarts(
     if X_val is not None and y_val is not None:
         X_val, y_val = inputs.apply(X_val), target.apply(y_val)
     with one_blas_thread():
-        equations = normal_equations(append_ones(X), hidden)
-        results = [
-            levenberg_marquardt(X, y, start, X_val, y_val, settings, equations) for start in starts
-        ]
-    best = int(np.argmin([result.best_rms for result in results]))
+        train = settings.trainer(X, hidden)
+        results = [train(X, y, start, X_val, y_val) for start in starts]
+    best = int(np.argmin([result.loss for result in results]))
     scaled = tuple(_rescale(result, 1.0 / float(target.scale)) for result in results)
-    return TrainedNetwork(results[best].weights, inputs, target, scaled, best)
+    weights, error = results[best].weights, scaled[best].best_rms
+    return TrainedNetwork(weights, inputs, target, scaled, best, error)
 
 
 def _starts(n_features: int, hidden: int, restarts: int, seed: int) -> Iterator[Array]:
@@ -105,7 +115,7 @@ def _starts(n_features: int, hidden: int, restarts: int, seed: int) -> Iterator[
         yield initial_weights(n_features, hidden, np.random.default_rng([seed, restart]))
 
 
-def _rescale(result: LMResult, factor: float) -> LMResult:
+def _rescale(result: TrainingResult, factor: float) -> TrainingResult:
     return replace(
         result,
         training_rms=result.training_rms * factor,

@@ -1,0 +1,166 @@
+"""Levenberg-Marquardt training under the weight decay that makes the targets likeliest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from servoscope.regression.evidence import Evidence, curvature
+from servoscope.regression.levenberg_marquardt import LMResult, LMSettings, levenberg_marquardt
+from servoscope.regression.normal_equations import NormalEquations, normal_equations
+from servoscope.regression.tanh_network import (
+    Array,
+    activate,
+    append_ones,
+    linearise,
+    split_weights,
+)
+from servoscope.regression.training_result import Status
+
+_LEAST_DAMPING = 1e-3
+
+
+@dataclass(frozen=True)
+class BayesianSettings:
+    """How a network is trained.
+
+    Parameters
+    ----------
+    weight_decay : float
+        The one to start with, too strong rather than too weak.
+    fall : float
+        Factor from one decay to the next.
+    n_decays : int
+        Most decays tried.
+    patience : int
+        Decays without more evidence after which no weaker one is tried.
+    steps : LMSettings
+        How the network is trained under each decay, from where it stood under the one before.
+    """
+
+    weight_decay: float = 10.0
+    fall: float = 0.5
+    n_decays: int = 24
+    patience: int = 2
+    steps: LMSettings = field(default_factory=partial(LMSettings, max_iter=20, tol=1e-3))
+
+    def trainer(self, X: Array, hidden: int) -> Callable[..., BayesianResult]:
+        """What trains from a start; see `bayesian_lm`."""
+        equations = normal_equations(append_ones(X), hidden)
+        return partial(bayesian_lm, settings=self, equations=equations)
+
+
+@dataclass(frozen=True, eq=False)
+class BayesianResult(LMResult):
+    """What `bayesian_lm` found; its history goes on from one decay to the next.
+
+    Attributes
+    ----------
+    evidence : Evidence
+        Of the decay that was kept.
+    """
+
+    evidence: Evidence
+
+    @property
+    def loss(self) -> float:
+        """By which the best of several starts is chosen, the least one: minus the evidence."""
+        return -self.evidence.log_evidence
+
+
+def bayesian_lm(
+    X: Array,
+    y: Array,
+    weights: Array,
+    X_val: Array | None = None,
+    y_val: Array | None = None,
+    settings: BayesianSettings | None = None,
+    equations: NormalEquations | None = None,
+) -> BayesianResult:
+    """Train a network of tanh hidden units and one linear output from the given weights.
+
+    Parameters
+    ----------
+    X : ndarray of shape (n, k)
+        Inputs of about unit scale.
+    y : ndarray of shape (n,)
+        Target of about unit scale.
+    weights : ndarray of shape (h (k + 2) + 1,)
+        Weights to start from, in the order of `servoscope.regression.tanh_network`.
+    X_val, y_val : ndarray of shape (n_val, k) and (n_val,), optional
+        Of no use here; taken so that all ways of training are called alike.
+    settings : BayesianSettings, optional
+    equations : NormalEquations, optional
+        As for `levenberg_marquardt`.
+
+    Returns
+    -------
+    BayesianResult
+
+    Notes
+    -----
+    In [2]_ the decay is estimated anew after each step, from the effective number of parameters.
+    Where there are more weights than samples that runs away to no decay at all and no residuals.
+    Here the decay falls from a strong one instead, and the evidence of [1]_ says where to stop.
+
+    References
+    ----------
+    .. [1] D. MacKay, "Bayesian interpolation", Neural Computation 4 (1992), 415-447.
+    .. [2] F. Foresee and M. Hagan, "Gauss-Newton approximation to Bayesian learning", Proc. Int.
+       Conf. on Neural Networks (1997), 1930-1935.
+    """
+    settings = settings or BayesianSettings()
+    steps = replace(settings.steps, weight_decay=settings.weight_decay)
+    if equations is None:
+        inputs = append_ones(X)
+        equations = normal_equations(inputs, len(split_weights(weights, inputs.shape[1])[0]))
+    tried: list[tuple[LMResult, Evidence]] = []
+    best = 0
+    for i in range(settings.n_decays):
+        found = levenberg_marquardt(X, y, weights, settings=steps, equations=equations)
+        weights = found.weights
+        tried.append((found, _evidence(X, found, steps.weight_decay)))
+        if tried[i][1].log_evidence > tried[best][1].log_evidence:
+            best = i
+        if i - best >= settings.patience:
+            break
+        steps = replace(
+            steps,
+            weight_decay=settings.fall * steps.weight_decay,
+            damping=max(float(found.damping[-1]), _LEAST_DAMPING),
+        )
+    status: Status = "converged" if best < settings.n_decays - 1 else "max_iter"
+    return _result(tried, best, status)
+
+
+def _evidence(X: Array, found: LMResult, weight_decay: float) -> Evidence:
+    inputs, weights = append_ones(X), found.weights
+    squared_error = len(X) * found.training_rms[-1] ** 2
+    return Evidence(
+        weight_decay,
+        float(squared_error + weight_decay * (weights @ weights)),
+        len(X),
+        curvature(linearise(weights, inputs, activate(weights, inputs))),
+    )
+
+
+def _result(tried: list[tuple[LMResult, Evidence]], best: int, status: Status) -> BayesianResult:
+    """The best of what was tried, with the history of all; each begins where the last ended."""
+    found = [result for result, _ in tried]
+    begins = [0, *[1] * (len(found) - 1)]
+    training_rms = [r.training_rms[begin:] for r, begin in zip(found, begins, strict=True)]
+    damping = [r.damping[begin:] for r, begin in zip(found, begins, strict=True)]
+    n_iter = sum(r.n_iter for r in found)
+    return BayesianResult(
+        found[best].weights,
+        status,
+        n_iter,
+        sum(r.n_iter for r in found[: best + 1]),
+        np.concatenate(training_rms),
+        np.full(n_iter + 1, np.nan),
+        np.concatenate(damping),
+        tried[best][1],
+    )
