@@ -56,9 +56,12 @@ def test_brightness_of_an_image_does_not_matter(images, delta_p):
     )
 
 
-def test_images_that_do_not_vary_have_features_of_zeros(images, delta_p):
-    same = np.repeat(images[:1].astype(float), 60, axis=0)
-    assert (sv.WhitenedPoseCovariance().fit_transform(same * 0, delta_p) == 0).all()
+@pytest.mark.parametrize("dtype", [np.uint8, np.float64])
+@pytest.mark.parametrize("factor", [0, 1])
+def test_after_images_that_do_not_vary_features_are_zeros(images, delta_p, dtype, factor):
+    same = np.repeat(factor * images[:1], 60, axis=0).astype(dtype)
+    whitened = sv.WhitenedPoseCovariance().fit(same, delta_p)
+    assert (whitened.transform(images.astype(dtype)) == 0).all()
 
 
 @pytest.mark.parametrize("ridge", [0, -1.0, np.inf, np.nan, "much"])

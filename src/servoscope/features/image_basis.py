@@ -10,9 +10,13 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from servoscope.errors import InvalidInputError
-from servoscope.features.pixel_blocks import working_dtype
 from servoscope.features.pixels import ImageShape, check_finite, flatten_images
-from servoscope.features.snapshots import extremes_made_positive, mean_and_gram, sum_images
+from servoscope.features.snapshots import (
+    extremes_made_positive,
+    mean_and_gram,
+    rounding_variance,
+    sum_images,
+)
 from servoscope.processes import one_blas_thread
 
 
@@ -121,8 +125,7 @@ def compute_image_basis(
             f"{len(flat)} (n_samples = {len(flat)}); lower n_components or take more images."
         )
     mean, gram = mean_and_gram(flat)
-    precision = float(np.finfo(working_dtype(flat)).eps)
-    eigenvalues, vectors = _leading_eigenpairs(gram, n_components, precision)
+    eigenvalues, vectors = _leading_eigenpairs(flat, gram, n_components)
     components = sum_images(flat, mean, vectors / np.sqrt(eigenvalues))
     return ImageBasis(image_shape, eigenvalues, mean, extremes_made_positive(components))
 
@@ -158,15 +161,13 @@ def check_n_components(n_components: int) -> None:
 
 
 def _leading_eigenpairs(
-    gram: NDArray[np.float64], n_components: int, precision: float
+    flat: NDArray[Any], gram: NDArray[np.float64], n_components: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     n_images = len(gram)
     with one_blas_thread():
         eigenvalues, vectors = eigh(gram, subset_by_index=[n_images - n_components, n_images - 1])
     eigenvalues, vectors = eigenvalues[::-1], vectors[:, ::-1]
-    rounding = max(precision, n_images * float(np.finfo(gram.dtype).eps))
-    noise = max(rounding * eigenvalues[0], n_images * precision**2)
-    n_independent = int(np.count_nonzero(eigenvalues > noise))
+    n_independent = int(np.count_nonzero(eigenvalues > rounding_variance(flat, eigenvalues[0])))
     if n_independent < n_components:
         raise InvalidInputError(
             f"{n_components} eigenvectors need {n_components + 1} independent images, but the "

@@ -12,10 +12,15 @@ from sklearn.utils import Tags
 from servoscope.errors import InvalidInputError
 from servoscope.features.image_basis import check_n_components
 from servoscope.features.image_transformer import ImageTransformer
-from servoscope.features.pixel_blocks import project_images, working_dtype
+from servoscope.features.pixel_blocks import project_images
 from servoscope.features.pixels import ImageShape
 from servoscope.features.pose_products import centred_targets
-from servoscope.features.snapshots import extremes_made_positive, mean_and_gram, sum_images
+from servoscope.features.snapshots import (
+    extremes_made_positive,
+    mean_and_gram,
+    rounding_variance,
+    sum_images,
+)
 from servoscope.processes import one_blas_thread
 
 Array = NDArray[np.float64]
@@ -111,8 +116,7 @@ class PoseLeastSquares(ImageTransformer):
         flat, delta_p = self._images_and_targets_to_fit(X, y)
         targets = _unit_columns(centred_targets(_unit_columns(delta_p), self.products))
         self.mean_, gram = mean_and_gram(flat)
-        precision = float(np.finfo(working_dtype(flat)).eps)
-        weights = _direction_weights(gram, targets, self.n_components, precision)
+        weights = _direction_weights(flat, gram, targets, self.n_components)
         components = sum_images(flat, self.mean_, weights)
         components /= np.linalg.norm(components, axis=1, keepdims=True)
         self.components_ = extremes_made_positive(components)
@@ -185,11 +189,11 @@ def find_pls_directions(X: Array, Y: Array, n_components: int) -> Array:
     return directions
 
 
-def _direction_weights(gram: Array, targets: Array, n_components: int, precision: float) -> Array:
+def _direction_weights(flat: NDArray[Any], gram: Array, targets: Array, n_components: int) -> Array:
     """What images are weighted with in each direction."""
     with one_blas_thread():
         eigenvalues, vectors = eigh(gram)
-        varying = eigenvalues > max(precision, len(gram) * 1e-15) * eigenvalues[-1]
+        varying = eigenvalues > rounding_variance(flat, eigenvalues[-1])
         lengths, vectors = np.sqrt(eigenvalues[varying]), vectors[:, varying]
         directions = find_pls_directions(vectors * lengths, targets, n_components)
         return vectors @ (directions / lengths[:, None])

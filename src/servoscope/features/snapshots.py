@@ -38,6 +38,21 @@ def mean_and_gram(flat: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.f
     return mean, gram
 
 
+def rounding_variance(flat: NDArray[Any], largest: float) -> float:
+    """Up to what size an eigenvalue of the inner products may be due to rounding.
+
+    Parameters
+    ----------
+    flat : ndarray of shape (n_images, n_pixels)
+        The images, whose number and `working_dtype` matter.
+    largest : float
+        The largest eigenvalue.
+    """
+    precision = float(np.finfo(working_dtype(flat)).eps)
+    share = max(precision, len(flat) * float(np.finfo(np.float64).eps))
+    return max(share * largest, len(flat) * precision**2)
+
+
 def sum_images(
     flat: NDArray[Any], mean: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> NDArray[Any]:

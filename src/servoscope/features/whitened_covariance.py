@@ -14,7 +14,7 @@ from servoscope.features.image_transformer import ImageTransformer
 from servoscope.features.pixel_blocks import project_images
 from servoscope.features.pixels import ImageShape
 from servoscope.features.pose_products import centred_targets, product_names
-from servoscope.features.snapshots import mean_and_gram, sum_images
+from servoscope.features.snapshots import mean_and_gram, rounding_variance, sum_images
 from servoscope.processes import one_blas_thread
 
 Array = NDArray[np.float64]
@@ -125,7 +125,10 @@ class WhitenedPoseCovariance(ImageTransformer):
         flat, delta_p = self._images_and_targets_to_fit(X, y)
         self.n_targets_ = delta_p.shape[1]
         self.mean_, gram = mean_and_gram(flat)
-        weights = _ridge_weights(gram, centred_targets(delta_p, self.products), self.ridge)
+        targets = centred_targets(delta_p, self.products)
+        if np.trace(gram) <= len(flat) * rounding_variance(flat, 0.0):
+            targets[:] = 0  # nothing can be told from images that do not vary
+        weights = _ridge_weights(gram, targets, self.ridge)
         self.components_ = sum_images(flat, self.mean_, weights)
         return self
 
@@ -160,10 +163,10 @@ def _check_ridge(ridge: Any) -> None:
 
 
 def _ridge_weights(gram: Array, targets: Array, ridge: float) -> Array:
-    """``(gram + r I)^-1 targets``; 0 if the images do not vary at all."""
+    """``(gram + r I)^-1 targets``; 0 for targets of 0."""
+    if not targets.any():
+        return targets
     level = ridge * np.trace(gram) / (len(gram) - 1)
-    if level <= 0:
-        return np.zeros_like(targets)
     regularised = gram + level * np.eye(len(gram))
     with one_blas_thread():
         return np.asarray(solve(regularised, targets, assume_a="pos"))
