@@ -80,10 +80,15 @@ def _maximise(samples: _Samples, max_iter: int) -> tuple[Array, float, float]:
     start = np.full(n_features + 2, -np.log(2 * np.sqrt(n_features)))
     start[-2:] = 0.0, np.log(_STARTING_NOISE)
     bounds = [_WEIGHT_BOUNDS] * n_features + [_SIGNAL_BOUNDS, _NOISE_BOUNDS]
+
+    def per_sample(parameters: Array) -> tuple[float, Array]:
+        # The first step is as long as the gradient: that of all samples leads into poor optima.
+        value, gradient = negative_log_likelihood(parameters, samples.X, samples.y)
+        return value / len(samples.y), gradient / len(samples.y)
+
     found = minimize(
-        negative_log_likelihood,
+        per_sample,
         start,
-        args=(samples.X, samples.y),
         jac=True,
         method="L-BFGS-B",
         bounds=bounds,
