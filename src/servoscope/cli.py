@@ -83,6 +83,7 @@ def _app() -> SubcommandApp:
     from servoscope.commands.info import info
     from servoscope.commands.position import position
     from servoscope.commands.report import report
+    from servoscope.commands.sensitivity import sensitivity
     from servoscope.commands.study import study
     from servoscope.commands.train import train
 
@@ -97,6 +98,7 @@ def _app() -> SubcommandApp:
     app.command(position)
     benchmarks.command(name="positioning")(benchmark_positioning)
     app.command(benchmarks, name="benchmark", help="Compare servoscope with what else there is.")
+    app.command(sensitivity)
     app.command(report)
     app.command(info)
     return app

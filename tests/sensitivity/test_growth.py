@@ -13,8 +13,17 @@ def growth(simulated, predicted, strengths=(-2.0, -1.0, 1.0, 2.0), clean=1.0):
 
 
 def test_the_error_doubles_at_the_smaller_of_both_signs():
-    assert growth((9.0, 3.0, 1.0, 1.5), (0.0,) * 4).doubles_at == pytest.approx(0.5)
-    assert growth((1.0, 1.0, 1.5, 2.5), (0.0,) * 4).doubles_at == pytest.approx(1.5)
+    assert growth((9.0, 2.0, 1.0, 1.5), (0.0,) * 4).doubles_at == pytest.approx(1.0)
+    assert growth((1.0, 1.0, 1.5, 2.0), (0.0,) * 4).doubles_at == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("power", [1, 2])
+def test_the_doubling_of_errors_that_grow_to_first_order_is_exact(power):
+    """``clean^2 + (slope strength^power)^2 = 4 clean^2``, solved for the strength."""
+    strengths, clean, slope = (1.0, 2.0, 5.0), 3.0, 2.0
+    rms = tuple((clean**2 + (slope * s**power) ** 2) ** 0.5 for s in strengths)
+    got = ErrorGrowth(strengths, "px", rms, rms, (0.0,) * 3, clean, "mm", power)
+    assert got.doubles_at == pytest.approx((3**0.5 * clean / slope) ** (1 / power))
 
 
 def test_an_error_that_never_doubles_has_no_strength():

@@ -7,3 +7,4 @@ from .looks import take_images as take_images
 from .measurement import measure as measure
 from .pose_model import PoseModel as PoseModel
 from .pose_model import fit_pose_model as fit_pose_model
+from .run import SensitivityRun as SensitivityRun

@@ -8,14 +8,15 @@ from typing import Any
 
 from servoscope.acquisition_config import AcquisitionConfig
 from servoscope.errors import InvalidInputError
-from servoscope.features import Eigenfeatures, GeometricMoments
+from servoscope.features import Eigenfeatures, GeometricMoments, TchebichefMoments
 from servoscope.sensitivity.disturbances import DISTURBANCES
 
 FEATURES: dict[str, Callable[[], Any]] = {
     "moments": GeometricMoments,
     "eigenfeatures": lambda: Eigenfeatures(24),
+    "tchebichef": TchebichefMoments,
 }
-"""The features that the models take, by name."""
+"""The features that a model may take, by name: two of the paper's families, and a smooth one."""
 
 
 @dataclass(frozen=True)
@@ -33,13 +34,21 @@ class SensitivityConfig:
     seed : int
         Of poses, noise and disturbances.
     part : {"cylinder_head", "textured_plane"}
+    features : tuple of str
+        Names of `FEATURES`; each has a model of its own, given the same images.
     disturbances : tuple of str
         Names of `DISTURBANCES`.
 
     Raises
     ------
     InvalidInputError
-        If there are fewer than 50 images that train or 2 that test, or no such disturbance.
+        If there are fewer than 50 images that train or 2 that test, no features or disturbances,
+        or none of such a name.
+
+    Examples
+    --------
+    >>> SensitivityConfig(n_images=100, n_test=3).test_numbers
+    range(100, 103)
     """
 
     n_images: int = 400
@@ -47,6 +56,7 @@ class SensitivityConfig:
     image_size: int = 128
     seed: int = 0
     part: str = "cylinder_head"
+    features: tuple[str, ...] = tuple(FEATURES)
     disturbances: tuple[str, ...] = tuple(DISTURBANCES)
 
     def __post_init__(self) -> None:
@@ -56,10 +66,12 @@ class SensitivityConfig:
                 raise InvalidInputError(
                     f"{name} must be a whole number from {least}, got {value!r}."
                 )
-        if unknown := sorted(set(self.disturbances) - set(DISTURBANCES)):
-            raise InvalidInputError(
-                f"A disturbance is one of {', '.join(DISTURBANCES)}, got {unknown[0]!r}."
-            )
+        for name, known in (("features", FEATURES), ("disturbances", DISTURBANCES)):
+            wanted = getattr(self, name)
+            if not wanted or set(wanted) - set(known):
+                raise InvalidInputError(
+                    f"{name} must be taken from {', '.join(known)}, got {wanted}."
+                )
         self.acquisition()
 
     def acquisition(self) -> AcquisitionConfig:

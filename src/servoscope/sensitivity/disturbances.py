@@ -167,7 +167,7 @@ DISTURBANCES = {
     "distortion_k1": Disturbance(_distortion, "1", _both_ways(0.02, 0.05, 0.1, 0.2)),
     "gain": Disturbance(_gain, "%", _both_ways(1.0, 2.0, 5.0, 10.0, 20.0)),
     "noise": Disturbance(_noise, "grey levels", (1.0, 2.0, 5.0, 10.0, 20.0), is_random=True),
-    "defocus": Disturbance(_defocus, "px", (0.4, 0.6, 1.0, 1.5, 2.0), power=2),
+    "defocus": Disturbance(_defocus, "px", (0.3, 0.5, 0.7, 1.0, 2.0), power=2),
     "light_x": Disturbance(partial(_light, axis=0), "mm", _LAMP),
     "light_z": Disturbance(partial(_light, axis=2), "mm", _LAMP),
     "repeatability_mm": Disturbance(

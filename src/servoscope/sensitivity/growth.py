@@ -31,14 +31,16 @@ class ErrorGrowth:
     clean_rms : float
         RMS error undisturbed, [error_unit].
     error_unit : {"mm", "deg"}
+    power : {1, 2}
+        To first order the error goes with this power of the strength.
 
     Examples
     --------
-    >>> growth = ErrorGrowth((1.0, 2.0), "px", (1.5, 2.5), (1.5, 2.0), (0.0, 0.0), 1.0, "mm")
+    >>> growth = ErrorGrowth((1.0, 3.0), "px", (2.0, 4.0), (2.0, 3.0), (0.0, 0.0), 1.0, "mm")
     >>> growth.doubles_at
-    1.5
-    >>> growth.parts_at
-    2.0
+    1.0
+    >>> round(growth.parts_at, 3)
+    2.6
     """
 
     strengths: tuple[float, ...]
@@ -48,15 +50,19 @@ class ErrorGrowth:
     simulated_bias: tuple[float, ...]
     clean_rms: float
     error_unit: str
+    power: int = 1
 
     @property
     def doubles_at(self) -> float | None:
         """The smallest strength, of either sign, at which the error is twice the clean one.
 
-        Interpolated between strengths; None if it is never reached.
+        Between strengths the mean square error is taken to go with the square of what the error
+        goes with to first order. None if it is never reached.
         """
+        squares = [rms**2 for rms in self.simulated_rms]
+        clean = self.clean_rms**2
         return first_reached(
-            self.strengths, self.simulated_rms, start=self.clean_rms, level=DOUBLE * self.clean_rms
+            self.strengths, squares, start=clean, level=DOUBLE**2 * clean, power=2 * self.power
         )
 
     @property
@@ -78,7 +84,12 @@ class ErrorGrowth:
 
 
 def first_reached(
-    strengths: Sequence[float], values: Sequence[float], *, start: float, level: float
+    strengths: Sequence[float],
+    values: Sequence[float],
+    *,
+    start: float,
+    level: float,
+    power: int = 1,
 ) -> float | None:
     """The smallest strength without its sign at which values reach a level, interpolated.
 
@@ -90,6 +101,8 @@ def first_reached(
     start : float
         The value at strength 0.
     level : float
+    power : int
+        Between strengths the values go with this power of them.
 
     Examples
     --------
@@ -98,12 +111,14 @@ def first_reached(
     """
     reached = []
     for sign in (-1, 1):
-        side = sorted((abs(s), v) for s, v in zip(strengths, values, strict=True) if s * sign > 0)
+        side = sorted(
+            (abs(s) ** power, v) for s, v in zip(strengths, values, strict=True) if s * sign > 0
+        )
         before, value = 0.0, start
-        for strength, further in side:
+        for here, further in side:
             if further >= level:
                 share = (level - value) / (further - value) if further > value else 0.0
-                reached.append(before + max(share, 0.0) * (strength - before))
+                reached.append((before + max(share, 0.0) * (here - before)) ** (1 / power))
                 break
-            before, value = strength, further
+            before, value = here, further
     return min(reached, default=None)

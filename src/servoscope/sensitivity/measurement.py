@@ -123,6 +123,7 @@ def _growths(
             simulated_bias=tuple(bias[:, i].tolist()),
             clean_rms=float(clean_rms[i]),
             error_unit=DISPLAY_UNITS[i],
+            power=disturbance.power,
         )
         for i, dof in enumerate(DOFS)
     }

@@ -24,9 +24,12 @@ PARTS = (
     "features.npz",
     "selection.npz",
     "ranking.csv",
+    "assessment.json",
     "report.html",
     "scoreboard.json",
     "scoreboard.md",
+    "sensitivity.json",
+    "sensitivity.md",
     "scoreboard.html",
 )
 FOLDERS = ("stages", "vectors", "models", "figures", "dataset", "trials")
