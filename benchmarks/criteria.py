@@ -35,6 +35,7 @@ from servoscope.study.run import split_data
 
 COUNTS = (1, 2, 4, 8, 16, 24)
 RESTARTS = 3
+ALL = "all candidates"
 
 Orders = dict[tuple[str, str], list[int]]
 """Features in the order of selection, by criterion and dof."""
@@ -93,6 +94,8 @@ def _errors(X: np.ndarray, Y: np.ndarray, orders: Orders, split: Split, seed: in
         for key, order in orders.items()
         for n in COUNTS
     }
+    everything = tuple(range(X.shape[1]))
+    subsets |= {(ALL, dof, X.shape[1]): (dof, everything) for dof in sv.DOFS}
     distinct = list(dict.fromkeys(subsets.values()))
     jobs = [sv.NetworkJob(np.array(s), sv.DOFS.index(dof), seed) for dof, s in distinct]
     nets = sv.train_networks(
@@ -113,10 +116,10 @@ def _errors(X: np.ndarray, Y: np.ndarray, orders: Orders, split: Split, seed: in
 
 def _errors_by_count(errors: Errors, data: str) -> Findings:
     rows = []
-    for n in COUNTS:
-        for criterion in CRITERIA:
-            own = [errors[criterion, dof, n] for dof in sv.DOFS]
-            rows.append((str(n), criterion, *(f"{e:.3f}" for e in (*own, np.mean(own)))))
+    lines = dict.fromkeys((n, criterion) for criterion, _, n in errors)
+    for n, criterion in sorted(lines, key=lambda line: line[0]):
+        own = [errors[criterion, dof, n] for dof in sv.DOFS]
+        rows.append((str(n), criterion, *(f"{e:.3f}" for e in (*own, np.mean(own)))))
     header = ("features", "criterion", *sv.DOFS, "mean")
     job = f"RMS error on the test images, 1 being the range; {data}; best of {RESTARTS} nets"
     return Findings("Criteria", job, header, rows)
@@ -162,6 +165,8 @@ def _draw(errors: Errors) -> Figure:
                 linewidth=1.1,
                 label=criterion,
             )
+        (reached,) = (error for (name, d, _), error in errors.items() if (name, d) == (ALL, dof))
+        ax.axhline(reached, color="0.0", linewidth=0.6, label=ALL)
         ax.set(title=dof, xscale="log", xticks=COUNTS, xticklabels=COUNTS, ylim=(0, None))
         ax.minorticks_off()
     for ax in panels[:, 0]:
