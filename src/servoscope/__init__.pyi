@@ -28,6 +28,7 @@ from .positioning import LoopSettings as LoopSettings
 from .positioning import Positioner as Positioner
 from .positioning import PositioningModel as PositioningModel
 from .positioning import PositioningResult as PositioningResult
+from .regression import REGRESSORS as REGRESSORS
 from .regression import BayesianLMRegressor as BayesianLMRegressor
 from .regression import GaussianKernelRidge as GaussianKernelRidge
 from .regression import GaussianProcess as GaussianProcess
@@ -35,6 +36,8 @@ from .regression import LBFGSRegressor as LBFGSRegressor
 from .regression import LMRegressor as LMRegressor
 from .regression import NetworkJob as NetworkJob
 from .regression import PoseRegressor as PoseRegressor
+from .regression import RegressorScore as RegressorScore
+from .regression import compare_regressors as compare_regressors
 from .regression import train_networks as train_networks
 from .selection import Forecast as Forecast
 from .selection import LearningCurve as LearningCurve

@@ -194,6 +194,13 @@ def test_the_same_samples_give_the_same_answer_bit_for_bit(estimator):
     np.testing.assert_array_equal(first, again)
 
 
+def test_the_order_of_the_samples_in_memory_does_not_matter(estimator):
+    X, y = _product()
+    expected = estimator.fit(X, y).predict(X, return_std=True)
+    other = np.asfortranarray(X)
+    np.testing.assert_array_equal(estimator.fit(other, y).predict(X, return_std=True), expected)
+
+
 def test_arrays_bring_back_the_same_predictions_bit_for_bit(estimator, tmp_path):
     X, y = _product()
     frame = pd.DataFrame(X, columns=["x_50", "theta_50", "e_00"])

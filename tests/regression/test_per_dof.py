@@ -6,7 +6,7 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DOFS
-from servoscope.regression import LMRegressor, PoseRegressor
+from servoscope.regression import REGRESSORS, GaussianProcess, LMRegressor, PoseRegressor
 
 NAMES = ["f_" + dof for dof in DOFS] + ["noise"]
 QUICK = LMRegressor(hidden=4, restarts=1, max_iter=20)
@@ -110,6 +110,46 @@ def test_arrays_of_a_model_fitted_on_a_frame_keep_the_names(samples, subsets):
     np.testing.assert_array_equal(copy.predict(frame), model.predict(frame))
     with pytest.raises(ValueError, match="feature names should match"):
         copy.predict(frame.rename(columns={"noise": "other"}))
+
+
+@pytest.mark.parametrize("name", REGRESSORS)
+def test_every_regressor_tells_a_deviation_and_comes_back_from_arrays(samples, subsets, name):
+    X, delta_p = samples
+    model = PoseRegressor(subsets, name).fit(X[:60], delta_p[:60], X[60:90], delta_p[60:90])
+    predicted, deviation = model.predict(X, return_std=True)
+    assert predicted.shape == deviation.shape == (200, 6)
+    assert (deviation > 0).all()
+    np.testing.assert_array_equal(model.predict(X), predicted)
+    copy = PoseRegressor.from_arrays(model.to_arrays())
+    assert {type(regressor) for regressor in copy.regressors_.values()} == {REGRESSORS[name]}
+    np.testing.assert_array_equal(copy.predict(X, return_std=True), (predicted, deviation))
+
+
+def test_the_default_is_the_gaussian_process(samples, subsets):
+    X, delta_p = samples
+    model = PoseRegressor(subsets).fit(X[:60], delta_p[:60])
+    assert {type(regressor) for regressor in model.regressors_.values()} == {GaussianProcess}
+
+
+def test_arrays_without_a_name_are_of_the_papers_networks(samples, subsets):
+    X, delta_p = samples
+    model = PoseRegressor(subsets, QUICK).fit(X, delta_p)
+    arrays = model.to_arrays()
+    old = {k: a for k, a in arrays.items() if not k.endswith((".regressor", ".error"))}
+    assert len(old) == len(arrays) - 12
+    np.testing.assert_array_equal(PoseRegressor.from_arrays(old).predict(X), model.predict(X))
+
+
+def test_a_regressor_that_cannot_be_kept_or_is_unknown_is_refused(samples, subsets):
+    X, delta_p = samples
+    linear = PoseRegressor(subsets, LinearRegression()).fit(X, delta_p)
+    with pytest.raises(InvalidInputError, match=r"kept as arrays .* got LinearRegression"):
+        linear.to_arrays()
+    with pytest.raises(InvalidInputError, match="There is no regressor named 'magic'"):
+        PoseRegressor(subsets, "magic").fit(X, delta_p)
+    arrays = PoseRegressor(subsets, QUICK).fit(X, delta_p).to_arrays()
+    with pytest.raises(InvalidInputError, match="There is no regressor named 'magic'"):
+        PoseRegressor.from_arrays(arrays | {"tx.regressor": np.array("magic")})
 
 
 def test_regressors_fitted_elsewhere_are_joined(samples, subsets):

@@ -1,4 +1,4 @@
-"""From features to motion: Levenberg-Marquardt networks, one for each degree of freedom."""
+"""From features to motion: regressors, one for each degree of freedom."""
 
 import lazy_loader
 

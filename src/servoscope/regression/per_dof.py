@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,8 +12,13 @@ from sklearn.utils.validation import check_is_fitted, has_fit_parameter, validat
 
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DOFS
-from servoscope.regression.network import LMRegressor
+from servoscope.regression.registry import (
+    make_regressor,
+    regressor_as_arrays,
+    regressor_from_arrays,
+)
 
+Array = NDArray[np.float64]
 Columns = Sequence[int] | Sequence[str]
 
 
@@ -24,8 +29,9 @@ class PoseRegressor(RegressorMixin, BaseEstimator):
     ----------
     subsets : dict of sequences of int or str, optional
         For each dof the features it is told from, by column or by name; all of them by default.
-    regressor : estimator, optional
-        Cloned for each dof; `LMRegressor` by default.
+    regressor : str or estimator
+        A name of `REGRESSORS`, of which ``"levenberg_marquardt"`` is the paper's, or an estimator;
+        made anew for each dof.
     feature_names : sequence of str, optional
         Names of the columns of X, where X is not a DataFrame.
     dofs : sequence of str
@@ -45,15 +51,16 @@ class PoseRegressor(RegressorMixin, BaseEstimator):
     --------
     >>> delta_p = np.random.default_rng(0).uniform(-1, 1, (200, 6))
     >>> subsets = {dof: [i] for i, dof in enumerate(DOFS)}
-    >>> model = PoseRegressor(subsets, LMRegressor(hidden=3, restarts=1, max_iter=20))
-    >>> model.fit(delta_p**3, delta_p).predict(delta_p[:2] ** 3).shape
-    (2, 6)
+    >>> model = PoseRegressor(subsets, "kernel_ridge").fit(delta_p**3, delta_p)
+    >>> predicted, std = model.predict(delta_p[:2] ** 3, return_std=True)
+    >>> predicted.shape, std.shape
+    ((2, 6), (2, 6))
     """
 
     def __init__(
         self,
         subsets: Mapping[str, Columns] | None = None,
-        regressor: Any = None,
+        regressor: Any = "gaussian_process",
         feature_names: Sequence[str] | None = None,
         dofs: Sequence[str] = DOFS,
     ) -> None:
@@ -77,7 +84,8 @@ class PoseRegressor(RegressorMixin, BaseEstimator):
         delta_p : array of shape (n, n_dofs)
             In the order of `dofs`, in any unit.
         X_val, delta_p_val : arrays of shape (n_val, n_features) and (n_val, n_dofs), optional
-            Samples that stop the training of regressors whose `fit` takes ``X_val, y_val``.
+            Samples that stop the training of networks, and that others learn from as well; only
+            for regressors whose `fit` takes ``X_val, y_val``.
 
         Returns
         -------
@@ -89,7 +97,7 @@ class PoseRegressor(RegressorMixin, BaseEstimator):
             If a subset names no dof or no feature that there is, or the number of dofs differs.
         """
         features, targets = self._check(X, delta_p, reset=True)
-        template = LMRegressor() if self.regressor is None else self.regressor
+        template = make_regressor(self.regressor)
         held_out = None
         if X_val is not None and has_fit_parameter(template, "X_val"):
             held_out = self._check(X_val, delta_p_val, reset=False)
@@ -102,13 +110,40 @@ class PoseRegressor(RegressorMixin, BaseEstimator):
             self.regressors_[dof] = clone(template).fit(features[:, columns], targets[:, i], **stop)
         return self
 
-    def predict(self, X: ArrayLike) -> NDArray[np.float64]:
-        """The displacement at samples X of shape (n, n_features), (n, n_dofs)."""
+    @overload
+    def predict(self, X: ArrayLike, return_std: Literal[False] = False) -> Array: ...
+    @overload
+    def predict(self, X: ArrayLike, return_std: Literal[True]) -> tuple[Array, Array]: ...
+    def predict(self, X: ArrayLike, return_std: bool = False) -> Array | tuple[Array, Array]:
+        """The displacement at samples X of shape (n, n_features).
+
+        Parameters
+        ----------
+        X : array or DataFrame of shape (n, n_features)
+        return_std : bool
+
+        Returns
+        -------
+        delta_p : ndarray of shape (n, n_dofs)
+        std : ndarray of shape (n, n_dofs)
+            Only if `return_std`: the standard deviation of a new displacement.
+
+        Raises
+        ------
+        TypeError
+            If the deviation is asked for and a regressor cannot tell it.
+        """
         check_is_fitted(self)
         features: Any = validate_data(self, X, reset=False, dtype=np.float64)
-        return np.column_stack(
-            [self.regressors_[dof].predict(features[:, self.columns_[dof]]) for dof in self.dofs]
-        )
+        options = {"return_std": True} if return_std else {}
+        answers = [
+            self.regressors_[dof].predict(features[:, self.columns_[dof]], **options)
+            for dof in self.dofs
+        ]
+        if not return_std:
+            return np.column_stack(answers)
+        means, deviations = zip(*answers, strict=True)
+        return np.column_stack(means), np.column_stack(deviations)
 
     @classmethod
     def from_fitted(
@@ -127,6 +162,7 @@ class PoseRegressor(RegressorMixin, BaseEstimator):
         """
         model = cls(
             subsets={dof: [int(i) for i in columns[dof]] for dof in regressors},
+            regressor=clone(next(iter(regressors.values()))),
             dofs=tuple(regressors),
         )
         model.regressors_ = dict(regressors)
@@ -139,8 +175,8 @@ class PoseRegressor(RegressorMixin, BaseEstimator):
 
         Raises
         ------
-        AttributeError
-            If the regressors have no ``to_arrays``.
+        InvalidInputError
+            If a regressor is not one of `REGRESSORS`.
         """
         check_is_fitted(self)
         arrays: dict[str, NDArray] = {
@@ -151,12 +187,13 @@ class PoseRegressor(RegressorMixin, BaseEstimator):
             arrays["feature_names"] = np.asarray(self.feature_names_in_, dtype=str)
         for dof, regressor in self.regressors_.items():
             arrays[f"{dof}.columns"] = self.columns_[dof]
-            arrays.update({f"{dof}.{name}": a for name, a in regressor.to_arrays().items()})
+            own = regressor_as_arrays(regressor)
+            arrays |= {f"{dof}.{name}": np.asarray(array) for name, array in own.items()}
         return arrays
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, ArrayLike]) -> PoseRegressor:
-        """A model of `LMRegressor` that predicts as the one `to_arrays` was called on.
+        """A model that predicts as the one `to_arrays` was called on.
 
         Raises
         ------
@@ -173,7 +210,7 @@ class PoseRegressor(RegressorMixin, BaseEstimator):
                 if name.startswith(f"{dof}.")
             }
             columns[dof] = np.asarray(own.pop("columns", []), dtype=np.intp).tolist()
-            regressors[dof] = LMRegressor.from_arrays(own)
+            regressors[dof] = regressor_from_arrays(own)
         model = cls.from_fitted(regressors, columns, int(np.asarray(arrays["n_features"])))
         if "feature_names" in arrays:
             model.feature_names_in_ = np.asarray(arrays["feature_names"], dtype=object)

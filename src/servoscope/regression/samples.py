@@ -68,4 +68,5 @@ def check_arrays(arrays: Mapping[str, Any], names: tuple[str, ...], owner: str) 
 
 def _check(estimator: BaseEstimator, X: Any, y: Any, reset: bool) -> Samples:
     X, y = validate_data(estimator, X, y, reset=reset, dtype=np.float64, y_numeric=True)
-    return Samples(X, y.astype(np.float64))
+    # In one order of memory: that of a sum shows in its last bits.
+    return Samples(np.ascontiguousarray(X), y.astype(np.float64))

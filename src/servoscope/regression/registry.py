@@ -1,0 +1,108 @@
+"""The regressors by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import clone
+
+from servoscope.errors import InvalidInputError
+from servoscope.regression.bayesian_network import BayesianLMRegressor
+from servoscope.regression.gaussian_process import GaussianProcess
+from servoscope.regression.kernel_ridge import GaussianKernelRidge
+from servoscope.regression.lbfgs_network import LBFGSRegressor
+from servoscope.regression.network import LMRegressor
+
+
+class Regressor(Protocol):
+    """What every regressor does.
+
+    `fit` takes validation samples or goes without. What needs them to stop its training keeps
+    them for that; what does not need them learns from them as well.
+    """
+
+    def fit(
+        self,
+        X: ArrayLike,
+        y: ArrayLike,
+        X_val: ArrayLike | None = None,
+        y_val: ArrayLike | None = None,
+    ) -> Any:
+        """Learn from samples."""
+
+    def predict(self, X: ArrayLike, return_std: bool = False) -> Any:
+        """The target, and the standard deviation of a new one if that is asked for."""
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """What `predict` needs, as plain arrays."""
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, ArrayLike]) -> Any:
+        """What `to_arrays` was called on."""
+
+
+REGRESSORS: dict[str, type[Regressor]] = {
+    "gaussian_process": GaussianProcess,
+    "kernel_ridge": GaussianKernelRidge,
+    "levenberg_marquardt": LMRegressor,
+    "bayesian_lm": BayesianLMRegressor,
+    "lbfgs": LBFGSRegressor,
+}
+"""Called without arguments they make a regressor of that name; ``"levenberg_marquardt"`` is the
+paper's."""
+
+
+def make_regressor(regressor: Any) -> Any:
+    """A new regressor of that name, or an unfitted copy of that estimator.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is no regressor of that name.
+
+    Examples
+    --------
+    >>> make_regressor("kernel_ridge")
+    GaussianKernelRidge()
+    """
+    return _class_of(regressor)() if isinstance(regressor, str) else clone(regressor)
+
+
+def regressor_as_arrays(regressor: Any) -> dict[str, Any]:
+    """A fitted regressor as plain arrays, with its name among them.
+
+    Raises
+    ------
+    InvalidInputError
+        If it is not one of `REGRESSORS`.
+    """
+    for name, kind in REGRESSORS.items():
+        if type(regressor) is kind:
+            return {"regressor": name, **regressor.to_arrays()}
+    raise InvalidInputError(
+        f"A regressor that is kept as arrays must be one of {', '.join(REGRESSORS)}, "
+        f"got {type(regressor).__name__}."
+    )
+
+
+def regressor_from_arrays(arrays: Mapping[str, ArrayLike]) -> Any:
+    """The regressor that `regressor_as_arrays` was called on.
+
+    Arrays without a name are of the paper's, from when there was no other.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is no regressor of that name, or arrays are missing or do not belong together.
+    """
+    return _class_of(str(arrays.get("regressor", "levenberg_marquardt"))).from_arrays(arrays)
+
+
+def _class_of(name: str) -> type[Regressor]:
+    if name not in REGRESSORS:
+        raise InvalidInputError(
+            f"There is no regressor named {name!r}; there are {', '.join(REGRESSORS)}."
+        )
+    return REGRESSORS[name]
