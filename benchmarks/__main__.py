@@ -16,6 +16,7 @@ KERNELS = (
     "pca",
     "levenberg_marquardt",
     "sweep",
+    "forecast",
     "images",
     "study",
     "photometric",
