@@ -6,7 +6,9 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from servoscope.errors import InvalidInputError
+from servoscope.kernels import fit_kernel
 from servoscope.selection.forecast import forecast_errors
+from servoscope.selection.kernel_prediction import predict_samples
 
 
 def samples(n, noise=0.1, seed=0):
@@ -21,6 +23,18 @@ def test_the_noise_is_forecast_where_the_features_tell_everything_else():
     forecast = forecast_errors(X, y)
     assert forecast.rms[0] == pytest.approx(0.2, rel=0.12)
     assert forecast.interval[0, 0] < 0.2 < 1.05 * forecast.interval[1, 0]
+
+
+def test_the_interval_holds_what_new_samples_reach():
+    held = 0
+    for seed in range(15):
+        X, y = samples(100, noise=0.1, seed=seed)
+        X_new, y_new = samples(1000, noise=0.1, seed=1000 + seed)
+        kernel = fit_kernel(X, y)
+        reached = np.sqrt(np.mean((predict_samples(kernel, X, y, X_new) - y_new) ** 2))
+        low, high = forecast_errors(X, y).interval[:, 0]
+        held += low <= reached <= high
+    assert held >= 12
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")

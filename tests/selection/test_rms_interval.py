@@ -55,3 +55,9 @@ def test_residuals_alike_within_groups_make_the_interval_wider():
 
 def test_residuals_of_zero_have_an_interval_of_zero():
     np.testing.assert_array_equal(rms_interval(np.zeros((10, 1))), [[0.0], [0.0]])
+
+
+def test_other_errors_widen_the_interval_as_variances_add_up():
+    residuals = np.random.default_rng(0).normal(size=(300, 1))
+    half = {e: np.log(np.divide(*rms_interval(residuals, None, 0.9, e)[::-1, 0])) for e in (0, 0.1)}
+    assert half[0.1] ** 2 - half[0] ** 2 == pytest.approx((2 * norm.ppf(0.95) * 0.1) ** 2)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t
+from scipy.stats import norm, t
 
 Array = NDArray[np.float64]
 
 
 def rms_interval(
-    residuals: Array, groups: NDArray[np.intp] | None = None, coverage: float = 0.9
+    residuals: Array,
+    groups: NDArray[np.intp] | None = None,
+    coverage: float = 0.9,
+    other_error: float = 0.0,
 ) -> Array:
     """Interval for the RMS of residuals of which some are known.
 
@@ -21,6 +24,9 @@ def rms_interval(
         Groups that are independent of each other, where single residuals are not; two at least.
     coverage : float
         How often the interval shall hold the RMS of infinitely many residuals.
+    other_error : float
+        Standard error of the logarithm of the RMS that has other causes than the number of
+        residuals.
 
     Returns
     -------
@@ -43,7 +49,8 @@ def rms_interval(
     """
     rms = np.sqrt(np.mean(residuals**2, axis=0))
     error, n_groups = rms_log_error(residuals, groups)
-    reach = t.isf((1 - coverage) / 2, n_groups - 1) * error
+    tail = (1 - coverage) / 2
+    reach = np.hypot(t.isf(tail, n_groups - 1) * error, norm.isf(tail) * other_error)
     return np.array([rms * np.exp(-reach), rms * np.exp(reach)])
 
 
