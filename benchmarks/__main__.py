@@ -17,6 +17,7 @@ KERNELS = (
     "levenberg_marquardt",
     "sweep",
     "forecast",
+    "regressors",
     "images",
     "study",
     "photometric",

@@ -1,0 +1,109 @@
+"""The regressors on the study's features: error, coverage of their 95 % intervals, time.
+
+``python -m benchmarks.regressors DATASET ... [--seeds N] [--form FORM] [--markdown]`` takes data
+sets that are there; as one of the benchmarks it takes a simulated one of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+import servoscope as sv
+from benchmarks.tables import Findings, as_markdown, as_text
+from servoscope.acquisition import AcquisitionConfig, acquire
+from servoscope.features import compute_image_basis
+from servoscope.poses import DISPLACEMENTS
+from servoscope.regression import RegressorScore
+from servoscope.study.config import N_EIGENVECTORS
+from servoscope.study.feature_tables import FeatureTable, compute_feature_table
+from servoscope.study.run import split_data
+
+HEADER = ("features", "regressor", *sv.DOFS, "mean", "covered", "width / RMS", "fit s")
+
+
+def tables(quick: bool) -> Iterator[Findings]:
+    """One table, of a simulated set."""
+    n_images, size = (300, 64) if quick else (1000, 256)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "simulated"
+        acquire(path, AcquisitionConfig(n_images=n_images, image_size=size))
+        yield findings(path)
+
+
+def findings(folder: Path, seeds: Sequence[int] = (0,), form: str = "pivot") -> Findings:
+    """Every regressor on every set of features of a data set, averaged over splits."""
+    data = sv.PoseImageSet.load(folder)
+    moments = sv.GeometricMoments().fit_transform(data.images)
+    measured = [_scores(data, moments, seed, form) for seed in seeds]
+    rows = [
+        (features, regressor, *_row([scores[features] for scores in measured], regressor))
+        for features in measured[0]
+        for regressor in sv.REGRESSORS
+    ]
+    job = (
+        f"RMS of targets scaled by the range, on test images, {form} form, {len(data)} images, "
+        f"honest split, mean of {len(seeds)}; covered: share of test images in their 95 % "
+        "interval; width / RMS: mean width of that interval, 3.92 where errors are normal and "
+        "known; fit: processor seconds a dof"
+    )
+    return Findings(f"Regressors, {folder.name}", job, HEADER, rows)
+
+
+def _scores(
+    data: sv.PoseImageSet, moments: np.ndarray, seed: int, form: str
+) -> dict[str, list[RegressorScore]]:
+    """Scores by set of features, for one split."""
+    split = split_data(data, "honest", seed)
+    basis = compute_image_basis(data.images[split.train], N_EIGENVECTORS)
+    table, _ = compute_feature_table(data, moments, basis, split.train, form)
+    targets = data.delta_p(form) / data.ranges(form)
+    return {
+        features: sv.compare_regressors(table.values[:, columns], targets, split)
+        for features, columns in _feature_sets(table).items()
+    }
+
+
+def _feature_sets(table: FeatureTable) -> dict[str, np.ndarray]:
+    return {
+        "24 moments": table.family("gm", "tx"),
+        "24 eigenfeatures": table.family("pca", "tx"),
+        f"all {len(table.candidates)}": table.candidates,
+    }
+
+
+def _row(measured: Sequence[Sequence[RegressorScore]], regressor: str) -> tuple[str, ...]:
+    """A regressor's cells: errors by dof and their mean, coverage, width and seconds."""
+    scores = [score for split in measured for score in split if score.regressor == regressor]
+    errors = {
+        dof: np.mean([score.test_rms for score in scores if score.dof == dof]) for dof in sv.DOFS
+    }
+    widths = [score.interval_width / score.test_rms for score in scores]
+    return (
+        *(f"{error:.3f}" for error in errors.values()),
+        f"{np.mean(list(errors.values())):.4f}",
+        f"{np.mean([score.coverage for score in scores]):.1%}",
+        f"{np.median(widths):.2f}",
+        f"{np.mean([score.fit_seconds for score in scores]):.2f}",
+    )
+
+
+def main() -> None:
+    """Print a table for each data set."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.regressors", description=__doc__)
+    parser.add_argument("folders", nargs="+", type=Path, metavar="DATASET")
+    parser.add_argument("--seeds", type=int, default=1, help="splits to average over")
+    parser.add_argument("--form", choices=DISPLACEMENTS, default="pivot")
+    parser.add_argument("--markdown", action="store_true")
+    options = parser.parse_args()
+    show = as_markdown if options.markdown else as_text
+    for folder in options.folders:
+        print(show(findings(folder, range(options.seeds), options.form)), "\n", flush=True)
+
+
+if __name__ == "__main__":
+    main()
