@@ -185,7 +185,8 @@ def main() -> None:
             1, len(names), figsize=(4.2 * len(names), 4), squeeze=False, layout="constrained"
         )
         for name, ax in zip(names, panels[0], strict=True):
-            plot_agreement(pooled([p for p in points if p.data == name]), ax=ax).set_title(name)
+            shown = pooled([p for p in points if p.data == name])
+            plot_agreement(shown, "crossfit", ax=ax).set_title(name)
         figure.savefig(options.figure, dpi=150)
 
 
