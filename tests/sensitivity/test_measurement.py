@@ -139,13 +139,10 @@ def test_leaps_of_features_do_not_add_up_in_the_prediction():
     assert squared_up > 15
 
 
-def test_the_number_of_processes_does_not_matter_and_progress_is_told():
+def test_progress_is_told_after_every_set_of_images():
     noise = replace(DISTURBANCES["noise"], strengths=(2.0, 8.0))
     told = []
-    models = {"m": linear_model()}
-    alone = measure(noise, models, CONFIG, NUMBERS, n_jobs=1, on_progress=told.append)
-    shared = measure(noise, models, CONFIG, NUMBERS, n_jobs=2)
-    assert alone == shared
+    measure(noise, {"m": linear_model()}, CONFIG, NUMBERS, n_jobs=1, on_progress=told.append)
     assert told == list(range(1, n_sets(noise) + 1))
 
 

@@ -44,6 +44,11 @@ def test_the_clean_error_is_that_of_the_images_that_were_not_trained_on(run, sen
         assert [by_dof[dof]["clean_rms"] for dof in DOFS] == pytest.approx(rms)
 
 
+def test_every_number_of_processes_gives_the_same_errors(run, sensitivity):
+    shared = SensitivityRun(run.data, CONFIG, n_jobs=2)
+    assert shared.measure("gain")["tchebichef"] == sensitivity["gain"]
+
+
 def test_a_camera_mounted_10_mm_beside_is_told_10_mm_beside(sensitivity):
     """The image is that of the camera's place; the robot tells the place of the flange."""
     growth = sensitivity["hand_eye_tx"]["tx"]

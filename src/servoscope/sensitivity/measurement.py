@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from servoscope.acquisition_config import AcquisitionConfig
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
-from servoscope.processes import in_processes
+from servoscope.processes import in_processes, one_blas_thread
 from servoscope.sensitivity.disturbances import Disturbance
 from servoscope.sensitivity.first_order import predict_rms
 from servoscope.sensitivity.growth import ErrorGrowth
@@ -77,18 +77,19 @@ def measure(
     calls: list[tuple[Any, ...]] = [(config, numbers)]
     calls += [(config, numbers, disturbance, s, k) for s in strengths for k in draws]
     rows: dict[str, list[Array]] = {name: [] for name in models}
-    for n_done, images in enumerate(in_processes(take_images, calls, n_jobs), start=1):
+    with one_blas_thread():
+        for n_done, images in enumerate(in_processes(take_images, calls, n_jobs), start=1):
+            for name, model in models.items():
+                rows[name].append(model.transform(images))
+            if on_progress is not None:
+                on_progress(n_done)
+        told = config.displacements()[list(numbers)]
+        growths = {}
         for name, model in models.items():
-            rows[name].append(model.transform(images))
-        if on_progress is not None:
-            on_progress(n_done)
-    told = config.displacements()[list(numbers)]
-    growths = {}
-    for name, model in models.items():
-        clean, *disturbed = rows[name]
-        blocks = np.stack(disturbed).reshape(len(strengths), len(draws), *clean.shape)
-        features = {0.0: clean[None], **dict(zip(strengths, blocks, strict=True))}
-        growths[name] = _growths(disturbance, model, features, told)
+            clean, *disturbed = rows[name]
+            blocks = np.stack(disturbed).reshape(len(strengths), len(draws), *clean.shape)
+            features = {0.0: clean[None], **dict(zip(strengths, blocks, strict=True))}
+            growths[name] = _growths(disturbance, model, features, told)
     return growths
 
 

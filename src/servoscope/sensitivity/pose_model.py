@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from servoscope.poses import DOFS
+from servoscope.processes import one_blas_thread
 
 Array = NDArray[np.float64]
 
@@ -92,7 +93,8 @@ def fit_pose_model(
         Cloned for each dof.
     """
     targets = delta_p / ranges
-    fitted = clone(features).fit(images, targets)
-    X = np.asarray(fitted.transform(images), dtype=np.float64)
-    regressors = {dof: clone(regressor).fit(X, targets[:, i]) for i, dof in enumerate(DOFS)}
+    with one_blas_thread():
+        fitted = clone(features).fit(images, targets)
+        X = np.asarray(fitted.transform(images), dtype=np.float64)
+        regressors = {dof: clone(regressor).fit(X, targets[:, i]) for i, dof in enumerate(DOFS)}
     return PoseModel(fitted, regressors, ranges, X.std(axis=0))
