@@ -117,6 +117,16 @@ def test_the_decay_falls_until_the_evidence_does():
     )
 
 
+def test_no_weaker_decay_is_tried_once_the_evidence_falls():
+    X, y = _product(80, noise=0.3)
+    start = initial_weights(2, 10, np.random.default_rng(0))
+    hasty, patient = (
+        bayesian_lm(X, y, start, settings=BayesianSettings(patience=n)) for n in (1, 24)
+    )
+    assert hasty.n_iter < patient.n_iter
+    assert hasty.status == "converged"
+
+
 def test_history_goes_on_from_decay_to_decay():
     X, y = _product(80)
     start = initial_weights(2, 10, np.random.default_rng(0))

@@ -7,7 +7,7 @@ from sklearn.kernel_ridge import KernelRidge
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from servoscope.errors import InvalidInputError
-from servoscope.kernels import GaussianKernel
+from servoscope.kernels import GaussianKernel, leave_out_residuals
 from servoscope.regression import GaussianKernelRidge, GaussianProcess
 from servoscope.regression.kernel_posterior import KernelPosterior
 from servoscope.regression.samples import Samples
@@ -99,6 +99,14 @@ def test_kernel_ridge_is_that_of_scikit_learn_with_the_least_error_left_out():
     assert (kernel.noise / kernel.signal) ** 2 == pytest.approx(ridge)
     other = KernelRidge(kernel="rbf", alpha=ridge, gamma=0.25 / length_scale**2).fit(Z, y - mean)
     np.testing.assert_allclose(ours.predict(X), other.predict(Z) + mean, atol=1e-5)
+
+
+def test_kernel_ridge_expects_errors_as_large_as_those_left_out():
+    X, y = _product()
+    ridge = GaussianKernelRidge().fit(X, y)
+    residuals = leave_out_residuals(ridge.kernel_, X, y)
+    expected = 1 / np.sqrt(np.diag(ridge.posterior_.inverse))
+    assert np.mean((residuals / expected) ** 2) == pytest.approx(1, rel=1e-3)
 
 
 @pytest.mark.parametrize("with_validation", [False, True])

@@ -7,6 +7,7 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 from servoscope.errors import InvalidInputError
 from servoscope.regression import LBFGSRegressor
 from servoscope.regression.lbfgs import LBFGSSettings, lbfgs
+from servoscope.regression.objective import Objective
 from servoscope.regression.tanh_network import append_ones, evaluate, initial_weights
 
 
@@ -32,6 +33,13 @@ def _cost(weights, X, y, weight_decay):
 
 def _rms(weights, X, y):
     return np.sqrt(np.mean((y - evaluate(weights, append_ones(X))) ** 2))
+
+
+def test_gradient_equals_forward_differences():
+    X, y = _samples()
+    objective, weights = Objective(X, y, X, y, 0.3), _start(2, 4)
+    expected = approx_fprime(weights, _cost, 1e-7, X, y, 0.3)
+    np.testing.assert_allclose(objective.gradient(objective.at(weights)), expected, rtol=1e-4)
 
 
 def test_gradient_vanishes_at_convergence():

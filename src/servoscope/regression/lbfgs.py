@@ -108,9 +108,7 @@ class _Watch:
     def cost(self, weights: Array) -> tuple[float, Array]:
         """What is minimised, and its gradient."""
         point = self._point = self._objective.at(weights)
-        linearisation = self._objective.linearise(point)
-        descent = linearisation.transposed_times(point.residuals)
-        return point.cost, 2 * (self._settings.weight_decay * weights - descent)
+        return point.cost, self._objective.gradient(point)
 
     def look(self, intermediate_result: OptimizeResult) -> None:
         """Take note of a step; stops where the validation error has not fallen for long."""

@@ -61,6 +61,11 @@ class Objective:
         """The derivatives of the output at the training samples."""
         return linearise(point.weights, self.training_inputs, point.activations)
 
+    def gradient(self, point: Point) -> Array:
+        """The derivatives of the cost by the weights, (n_weights,)."""
+        descent = self.linearise(point).transposed_times(point.residuals)
+        return 2 * (self._weight_decay * point.weights - descent)
+
 
 def _rms(errors: Array) -> float:
     return float(np.sqrt(errors @ errors / len(errors))) if len(errors) else np.nan
