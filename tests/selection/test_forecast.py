@@ -94,11 +94,11 @@ def test_neighbours_in_a_sequence_flatter_unless_they_are_left_out_together():
     assert together.interval[1, 0] / together.rms[0] > 1.1
 
 
-def test_images_taken_twice_do_not_flatter():
+def test_images_taken_several_times_do_not_flatter():
     rng = np.random.default_rng(0)
-    X, y = rng.normal(size=(100, 3)), rng.normal(size=100)
-    once, twice = forecast_errors(X, y), forecast_errors(np.tile(X, (2, 1)), np.tile(y, 2))
-    assert twice.rms[0] > 0.9 * once.rms[0]
+    X, y = rng.normal(size=(30, 3)), rng.normal(size=30)
+    often = forecast_errors(np.tile(X, (6, 1)), np.tile(y, 6))
+    assert often.rms[0] > 0.9 * y.std()
 
 
 @given(st.integers(0, 100), st.floats(1e-3, 1e3), st.floats(-100, 100))
