@@ -10,6 +10,8 @@ from servoscope.commands.options import DataSet, Force, Jobs, Json, Protocol, Re
 def assess(
     dataset: DataSet,
     out: RunOut = Path("servoscope-run"),
+    want: str = "",
+    pose_error: str = "",
     seed: int = 0,
     protocol: Protocol = "both",
     jobs: Jobs = None,
@@ -17,30 +19,49 @@ def assess(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Run the whole study on a data set folder, such as one made by acquire or by import.
+    """Say what each degree of freedom will reach, what limits it and what would help.
 
-    Example: servoscope assess desk --out desk-run
+    Works on a data set folder, such as one made by acquire or by import, of 40 images or more.
+    Of enough images the paper's study is made as well.
+
+    Example: servoscope assess desk --want t=1mm,rz=0.2deg --out desk-run
 
     Args:
+        want: Wished RMS errors, such as tx=0.5mm,rz=0.1deg; t and r stand for all three of a kind.
+        pose_error: RMS errors of the poses that the robot tells, written like --want. Known of
+            simulated images; taken for 0 otherwise.
         seed: Seed of the split and the nets.
     """
     from dataclasses import asdict
 
+    from servoscope.assessment import parse_wishes
+    from servoscope.assessment.independence import check_enough_images
     from servoscope.commands.options import n_jobs, protocols
+    from servoscope.commands.run_assessment import run_assessment, told_label_errors
     from servoscope.commands.run_study import finish_run
     from servoscope.dataset import PoseImageSet
     from servoscope.errors import InvalidInputError
-    from servoscope.study import StudyConfig, check_data
+    from servoscope.study import StudyConfig
     from servoscope.study.run_folder import open_run_folder
 
     processes = n_jobs(jobs)
     config = StudyConfig(seed=seed, protocols=protocols(protocol))
+    wishes, label_errors = parse_wishes(want), parse_wishes(pose_error)
     if out.resolve() in (dataset.resolve(), *dataset.resolve().parents):
         raise InvalidInputError(
             f"--out {out} is or holds the data set {dataset}; name another folder."
         )
     data = PoseImageSet.load(dataset)
-    check_data(data, config)
+    check_enough_images(data)
     settings = {"command": "assess", **asdict(config), "dataset": str(dataset.resolve())}
+    settings |= {"want": wishes, "pose_error": label_errors}
     run = open_run_folder(out, settings, resume=resume, force=force)
-    finish_run(run, data, config, processes, json=json)
+    assessment = run_assessment(
+        run,
+        data,
+        seed=seed,
+        wishes=wishes,
+        label_errors=label_errors or told_label_errors(data),
+        n_jobs=processes,
+    )
+    finish_run(run, data, config, processes, json=json, assessment=assessment)

@@ -10,27 +10,49 @@ from rich.table import Table
 
 from servoscope.commands.output import console, print_json
 from servoscope.commands.progress import progress_bar
+from servoscope.commands.run_assessment import print_assessment
 from servoscope.dataset import PoseImageSet
+from servoscope.errors import InvalidInputError
 from servoscope.files import write_json
 from servoscope.poses import DISPLAY_UNITS, DOFS
 from servoscope.report import write_report
 from servoscope.report.agreement import compare_order_of_families
 from servoscope.report.averages import mean_rms, moving_dofs
-from servoscope.study import Study, StudyConfig
+from servoscope.study import Study, StudyConfig, check_data
 from servoscope.study.paper import FAMILIES, FAMILY_TITLES
+from servoscope.study.run import describe_run
 from servoscope.study.run_folder import RunFolder, read_json
 
 
 def finish_run(
-    run: RunFolder, data: PoseImageSet, config: StudyConfig, n_jobs: int, *, json: bool
+    run: RunFolder,
+    data: PoseImageSet,
+    config: StudyConfig,
+    n_jobs: int,
+    *,
+    json: bool,
+    assessment: dict[str, Any] | None = None,
 ) -> None:
-    """Go through what is not finished of a run, write its report, and print its summary."""
-    Study(run, data, config, n_jobs=n_jobs, progress=progress_bar).run()
+    """Go through what is not finished of a run, write its report, and print its summary.
+
+    With an assessment, the study is left out where these images do not do for it.
+    """
     path = run.path / "summary.json"
-    summary = read_json(path)
+    try:
+        check_data(data, config)
+        Study(run, data, config, n_jobs=n_jobs, progress=progress_bar).run()
+        summary = read_json(path)
+    except InvalidInputError as error:
+        if assessment is None:
+            raise
+        summary = describe_run(run, data) | {"protocols": {}, "study_left_out": str(error)}
+    if assessment is not None:
+        summary = {"assessment": assessment["dofs"], **summary, "assessed": assessment}
+    write_json(path, summary)
     with progress_bar("report", 1) as advance:
         write = partial(write_report, run.path, n_jobs=n_jobs)
-        run.run_stage("report", summary["protocols"], write, ["report.html"])
+        told = {name: summary.get(name) for name in ("protocols", "assessed")}
+        run.run_stage("report", told, write, ["report.html"])
         advance(1)
     summary["timings_s"] = run.timings()
     write_json(path, summary)
@@ -43,10 +65,14 @@ def finish_run(
 def print_summary(summary: dict[str, Any], report: Path) -> None:
     """Print the errors by family and dof, and where the report is."""
     out = console()
+    if "assessed" in summary:
+        print_assessment(summary["assessed"])
+    if "study_left_out" in summary:
+        out.print(f"The paper's study is left out. {summary['study_left_out']}")
     for protocol, forms in summary["protocols"].items():
         for displacement, results in forms.items():
             out.print(_table(f"{protocol} protocol, {displacement} form", results))
-    for finding in compare_order_of_families(summary):
+    for finding in compare_order_of_families(summary) if summary["protocols"] else []:
         out.print(f"The paper: {finding.claim} Here: {finding.verdict}.")
     out.print(f"total {summary['timings_s']['total']:.1f} s")
     out.print(f"report: {report}", soft_wrap=True)

@@ -12,9 +12,10 @@ from scipy.stats import hypergeom, spearmanr
 
 from servoscope.poses import DOFS
 from servoscope.report.averages import mean_rms
-from servoscope.report.names import DOF_LABELS, FORM_NAMES, listing
+from servoscope.report.names import DOF_LABELS, FORM_NAMES
 from servoscope.report.run_data import Unit, list_units
 from servoscope.study.paper import FAMILIES, FAMILY_TITLES, TABLE1, TABLE3, table2
+from servoscope.wording import listing
 
 PAPERS = {
     "kind": "simulated cylinder head",

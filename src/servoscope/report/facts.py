@@ -13,6 +13,7 @@ from servoscope import __version__
 from servoscope.poses import DOFS
 from servoscope.report.agreement import compare_with_paper, stands_in_for_paper
 from servoscope.report.averages import mean_rms
+from servoscope.report.decision import describe_assessment
 from servoscope.report.figures.rendering import FigureFile
 from servoscope.report.names import DOF_LABELS, DOF_UNITS, FORM_NAMES, PROTOCOL_NAMES
 from servoscope.report.reasons import explain_differences
@@ -26,16 +27,37 @@ from servoscope.report.tables import (
 )
 from servoscope.report.verdict import describe_accuracy
 
+ASSESSMENT_KINDS = ("reach", "budgets", "behind")
+
 FIGURE_KINDS = ("eigenvectors", "pci", "covariance", "filtered", "lfa", "best", "plane", "sweep")
 
 
 def collect_facts(run: RunData, files: list[FigureFile]) -> dict[str, Any]:
     """Everything the template needs, from a run and its drawn figures."""
     figures = {file.name: describe_figure(file) for file in files}
+    name = name_data_set(run.summary["dataset"]["source"])
+    return {
+        "title": f"{'Study' if run.assessed is None else 'Assessment'}: {name}",
+        "data": describe_data(run),
+        "assessed": None
+        if run.assessed is None
+        else describe_assessment(run.assessed, [figures[kind] for kind in ASSESSMENT_KINDS]),
+        "study_left_out": run.summary.get("study_left_out"),
+        **(describe_study(run, figures) if run.units else {"first": None}),
+        "timings": describe_timings(run.summary["timings_s"]),
+        "settings": flatten(run.settings),
+        "source": flatten(run.summary["dataset"]["source"]),
+        "versions": describe_versions(run),
+        "command": describe_command(run.settings),
+        "dofs": [DOF_LABELS[dof] for dof in DOFS],
+        "dof_units": [DOF_UNITS[dof] for dof in DOFS],
+    }
+
+
+def describe_study(run: RunData, figures: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """What the paper's study found."""
     units = [describe_unit(unit, figures) for unit in run.units]
     return {
-        "title": f"Study: {name_data_set(run.summary['dataset']['source'])}",
-        "data": describe_data(run),
         "verdict": describe_accuracy(run.units[0]),
         "reference": figures["reference"],
         "slices": figures["slices"],
@@ -45,13 +67,6 @@ def collect_facts(run: RunData, files: list[FigureFile]) -> dict[str, Any]:
         "stands_in_for_paper": stands_in_for_paper(run.summary),
         "findings": compare_with_paper(run.summary),
         "reasons": explain_differences(run.summary),
-        "timings": describe_timings(run.summary["timings_s"]),
-        "settings": flatten(run.settings),
-        "source": flatten(run.summary["dataset"]["source"]),
-        "versions": describe_versions(run),
-        "command": describe_command(run.settings),
-        "dofs": [DOF_LABELS[dof] for dof in DOFS],
-        "dof_units": [DOF_UNITS[dof] for dof in DOFS],
     }
 
 

@@ -42,16 +42,3 @@ def count(number: int, noun: str) -> str:
     ('1 feature', '2 features')
     """
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
-
-
-def listing(words: list[str]) -> str:
-    """Words as a list in a sentence.
-
-    Examples
-    --------
-    >>> listing(["Tx", "Ty", "Tz"])
-    'Tx, Ty and Tz'
-    """
-    if len(words) < 2:
-        return "".join(words)
-    return f"{', '.join(words[:-1])} and {words[-1]}"

@@ -70,6 +70,11 @@ class RunData:
     pictures: dict[str, Arrays]
 
     @property
+    def assessed(self) -> dict[str, Any] | None:
+        """What an assessment found, where there was one."""
+        return self.summary.get("assessed")
+
+    @property
     def units(self) -> list[Unit]:
         """The protocols and forms that were run, the honest protocol and the pivot form first."""
         return list_units(self.summary)
@@ -99,6 +104,8 @@ def read_run(path: Path) -> RunData:
         )
     summary = read_json(path / "summary.json")
     _check_summary(path / "summary.json", summary)
+    if not summary["protocols"]:
+        return RunData(path, settings, summary, features={}, selection={}, pictures={})
     keys = [unit.key for unit in list_units(summary)]
     forms = sorted({unit.displacement for unit in list_units(summary)})
     expected = ["names", "reference_image", *keys, *(f"delta_p_{form}" for form in forms)]
@@ -132,7 +139,7 @@ def _check_summary(path: Path, summary: dict[str, Any]) -> None:
                     float(row[dof]["rms"])
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise _damaged(path, f"{type(error).__name__}: {error}") from error
-    if not units:
+    if not units and "assessed" not in summary:
         raise _damaged(path, "it holds no protocol")
 
 

@@ -6,9 +6,10 @@ from typing import Any
 
 from servoscope.poses import DOFS
 from servoscope.report.averages import mean_rms
-from servoscope.report.names import DOF_LABELS, listing
+from servoscope.report.names import DOF_LABELS
 from servoscope.report.run_data import Unit
 from servoscope.study.paper import FAMILY_TITLES
+from servoscope.wording import listing
 
 WELL, ROUGHLY = 0.25, 0.6
 """Shares of the baseline error below which a degree of freedom counts as told well, or roughly."""

@@ -185,18 +185,7 @@ class Study:
         write_json(path.with_suffix(".json"), results)
 
     def _summary(self) -> dict[str, Any]:
-        data = self.data
-        return {
-            "version": 1,
-            "servoscope": __version__,
-            "dataset": {
-                "n_images": len(data),
-                "image_shape": data.image_shape,
-                "pivot_mm": 1e3 * data.pivot,
-                "split": data.split,
-                "source": data.source,
-            },
-            "settings": self.folder.settings,
+        return describe_run(self.folder, self.data) | {
             "protocols": {
                 protocol: {
                     displacement: read_json(
@@ -206,8 +195,24 @@ class Study:
                 }
                 for protocol in self.config.protocols
             },
-            "timings_s": self.folder.timings(),
         }
+
+
+def describe_run(folder: RunFolder, data: PoseImageSet) -> dict[str, Any]:
+    """What a summary says whatever was found: of what, with which settings, and in which time."""
+    return {
+        "version": 1,
+        "servoscope": __version__,
+        "dataset": {
+            "n_images": len(data),
+            "image_shape": data.image_shape,
+            "pivot_mm": 1e3 * data.pivot,
+            "split": data.split,
+            "source": data.source,
+        },
+        "settings": folder.settings,
+        "timings_s": folder.timings(),
+    }
 
 
 def split_data(data: PoseImageSet, protocol: str, seed: int) -> Split:

@@ -29,6 +29,27 @@ class Caption:
 SIGNED = "Pale is positive, dark negative, middle grey zero; each panel has its own scale."
 
 CAPTIONS = {
+    "reach": Caption(
+        "What each degree of freedom reaches",
+        "RMS errors as shares of the error of always answering the mean, which is the dashed line: "
+        "the forecast with its 90 % interval, what a trained model reached on test images, and "
+        "what is wanted. Below each stands the forecast.",
+        "A chart of forecast, reached and wanted errors by degree of freedom.",
+    ),
+    "budgets": Caption(
+        "Where the error comes from",
+        "Shares of the squared error of each degree of freedom. Too few images: what ten times as "
+        "many would take away; weak features: what is left.",
+        "Stacked bars, one for each degree of freedom, of shares of the squared error.",
+    ),
+    "behind": Caption(
+        "More images, and how good forecasts are",
+        "Left: forecast errors with 1, 2, 5 and 10 times the images. Right: forecast against "
+        "reached errors, one mark for each family and degree of freedom; dotted lines are at 0.75 "
+        "and 1.33. Errors are shares of the error of always answering the mean; translations are "
+        "dark.",
+        "A chart of errors against numbers of images, and one of reached against forecast errors.",
+    ),
     "reference": Caption(
         "Reference image",
         "The view that the camera is to return to.",

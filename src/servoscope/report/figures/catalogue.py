@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from servoscope.features.moments import PAPER_SLICES
 from servoscope.poses import DOFS
 from servoscope.report.agreement import stands_in_for_paper
-from servoscope.report.figures import overview, pictures, selection, sweep
+from servoscope.report.figures import assessment, overview, pictures, selection, sweep
 from servoscope.report.figures.captions import CAPTIONS
 from servoscope.report.figures.rendering import FigureOrder
 from servoscope.report.run_data import RunData, Unit
@@ -20,6 +20,22 @@ from servoscope.study.paper import TABLE3
 
 def list_figures(run: RunData) -> list[FigureOrder]:
     """All figures of a run; those of a unit are named ``{protocol}_{displacement}_...``."""
+    return [*_of_assessment(run), *(_of_study(run) if run.units else [])]
+
+
+def _of_assessment(run: RunData) -> list[FigureOrder]:
+    if run.assessed is None:
+        return []
+    rows, families = run.assessed["dofs"], run.assessed["families"]
+    draw: dict[str, Callable[[], Figure]] = {
+        "reach": partial(assessment.draw_reach, rows),
+        "budgets": partial(assessment.draw_budgets, rows),
+        "behind": partial(assessment.draw_behind, families, rows),
+    }
+    return [FigureOrder(kind, CAPTIONS[kind], drawing) for kind, drawing in draw.items()]
+
+
+def _of_study(run: RunData) -> list[FigureOrder]:
     image = run.features["reference_image"]
     first = run.units[0].results
     slices = partial(pictures.draw_slices, image, PAPER_SLICES)

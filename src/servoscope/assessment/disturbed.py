@@ -1,0 +1,83 @@
+"""What noise and other disturbances do to trained models, without training them anew."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.assessment.models import PoseModels
+from servoscope.poses import DOFS
+from servoscope.positioning.disturbances import SINGLE_DISTURBANCES, Disturbances
+
+Array = NDArray[np.float64]
+
+
+def disturbed_errors(
+    models: PoseModels, images: NDArray[np.uint8], targets: Array, seed: int = 0
+) -> dict[str, dict[str, float]]:
+    """RMS error under each of `SINGLE_DISTURBANCES`, and under none, as ``clean``.
+
+    Parameters
+    ----------
+    models : PoseModels
+    images : ndarray of shape (n, height, width), uint8
+        Not learned from.
+    targets : ndarray of shape (n, 6)
+        Displacements in units of the range.
+    seed : int
+        Draws where things are covered, and the noise.
+
+    Returns
+    -------
+    dict
+        By disturbance and dof, in units of the range.
+    """
+    conditions: dict[str, Disturbances | None] = {"clean": None, **SINGLE_DISTURBANCES}
+    errors: dict[str, dict[str, float]] = {}
+    for name, disturbance in conditions.items():
+        told = models.predict(_disturbed(images, disturbance, seed))
+        errors[name] = {
+            dof: _rms(values - targets[:, DOFS.index(dof)]) for dof, values in told.items()
+        }
+    return errors
+
+
+def noise_errors(
+    models: PoseModels, images: NDArray[np.uint8], sigma: float, seed: int = 0
+) -> dict[str, float]:
+    """RMS change of what is told when as much noise again is added to images as they have.
+
+    Parameters
+    ----------
+    models : PoseModels
+    images : ndarray of shape (n, height, width), uint8
+    sigma : float
+        Standard deviation of the noise, [grey].
+
+    Returns
+    -------
+    dict
+        By dof, in units of the range.
+    """
+    if sigma <= 0:
+        return dict.fromkeys(models.dofs, 0.0)
+    noisy = _disturbed(images, Disturbances.only(noise=min(sigma, 255.0)), seed)
+    before, after = models.predict(images), models.predict(noisy)
+    return {dof: _rms(after[dof] - before[dof]) for dof in models.dofs}
+
+
+def _disturbed(
+    images: NDArray[np.uint8], disturbance: Disturbances | None, seed: int
+) -> NDArray[np.uint8]:
+    if disturbance is None:
+        return images
+    return np.stack(
+        [
+            disturbance.disturb(image, np.random.default_rng([seed, i]))
+            for i, image in enumerate(images)
+        ]
+    )
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

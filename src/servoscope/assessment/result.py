@@ -1,0 +1,242 @@
+"""An assessment as one JSON value: the decision for each dof, and the numbers behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from servoscope.assessment.advice import Findings, advise
+from servoscope.assessment.budget import share_out
+from servoscope.assessment.families import title_of
+from servoscope.assessment.run import Assessment
+from servoscope.assessment.verdict import CONSTANT, STILL, conclude, grade, name_limit
+from servoscope.assessment.what_if import inner_rms
+from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
+from servoscope.selection import LearningCurve
+
+TIMES = (1, 2, 5, 10)
+"""Numbers of images, in those there are, at which the learning curve is told."""
+
+
+def as_json(
+    found: Assessment, wishes: Mapping[str, float], label_errors: Mapping[str, float]
+) -> dict[str, Any]:
+    """What an assessment found, in mm and degrees.
+
+    Parameters
+    ----------
+    found : Assessment
+    wishes, label_errors : dict
+        Wished RMS errors, and those of the poses that the robot tells, by dof, [mm] and [deg].
+
+    Returns
+    -------
+    dict
+        ``dofs[dof]``, the decision; ``conclusion``, one sentence on all of them; ``images``,
+        what they are like; ``families``, ``regressors`` and ``disturbed``, the tables behind.
+    """
+    scale = dict(zip(DOFS, found.data.ranges() * DISPLAY_FACTORS, strict=True))
+    dofs = {
+        dof: _decide(found, dof, scale[dof], wishes.get(dof), label_errors.get(dof))
+        if dof in found.choice
+        else _still(dof)
+        for dof in DOFS
+    }
+    return {
+        "dofs": dofs,
+        "warnings": list(_warnings(found)),
+        "conclusion": conclude({dof: row["told"] for dof, row in dofs.items()}),
+        "images": _images(found),
+        "families": {name: _family(found, name, scale) for name in found.candidates},
+        "regressors": _regressors(found, scale),
+        "disturbed": {
+            name: {dof: rms * scale[dof] for dof, rms in errors.items()}
+            for name, errors in found.disturbed.items()
+        },
+    }
+
+
+def _warnings(found: Assessment) -> Iterator[str]:
+    """What whoever took the images should know."""
+    if found.independence.kind == "sequence":
+        yield (
+            "These images come in a sequence: whole blocks of it are kept for testing, since "
+            "neighbouring images would flatter every number."
+        )
+    if found.independence.kind == "revisited":
+        yield (
+            "These images were taken at few places, or come from a sequence in no order: whole "
+            "clusters of poses are kept for testing, since near copies would flatter every number."
+        )
+    if found.images.repetition.repeats:
+        x, y = found.images.repetition.shift
+        yield (
+            f"The reference view repeats itself {x:.0f} px along x and {y:.0f} px along y from "
+            "where it is: poses that far apart look alike."
+        )
+    if found.images.n_copies and found.images.change:
+        yield f"{found.images.n_copies} images are exact copies of others: was the camera frozen?"
+
+
+def _still(dof: str) -> dict[str, Any]:
+    """A dof of which nothing can be said."""
+    return {
+        "forecast_rms": None,
+        "interval": None,
+        "reached_rms": None,
+        "unit": DISPLAY_UNITS[DOFS.index(dof)],
+        "limited_by": STILL,
+        "best_features": [],
+        "advice": ["take images in which it moves"],
+        "told": "still",
+        "wanted": None,
+    }
+
+
+def _decide(
+    found: Assessment, dof: str, scale: float, wished: float | None, label_error: float | None
+) -> dict[str, Any]:
+    i, name = DOFS.index(dof), found.choice[dof]
+    forecast, model, curve = (
+        found.candidates[name].forecast,
+        found.trained[name][dof],
+        found.curves[dof],
+    )
+    rms, baseline = float(forecast.rms[i]), float(forecast.baseline[i])
+    told = grade(rms, baseline)
+    images = {times: _at(curve, times, rms) for times in TIMES}
+    budget = share_out(
+        rms,
+        noise=found.noise[dof],
+        labels=(label_error or 0.0) / scale,
+        at_ten_times=images[10],
+        best_regressor=_best_regressor(found, dof, rms),
+    )
+    findings = _find(found, dof, scale, wished, images, told)
+    return {
+        "forecast_rms": rms * scale,
+        "interval": (forecast.interval[:, i] * scale).tolist(),
+        "reached_rms": model.rms * scale,
+        "unit": DISPLAY_UNITS[i],
+        "limited_by": CONSTANT
+        if not found.images.change
+        else name_limit(told, budget, found.images.repetition),
+        "best_features": list(model.best_features),
+        "advice": advise(findings)
+        if found.images.change
+        else ["nothing can be learned: every image is the same; check camera and exposure"],
+        "told": told,
+        "wanted": wished,
+        "family": title_of(name),
+        "baseline_rms": baseline * scale,
+        "coverage_95": model.covered,
+        "information_alone": float(forecast.entropy_power.joint[i]) * scale,
+        "budget": asdict(budget),
+        "learning_curve": {
+            "n_images": [times * int(curve.n_images[-1]) for times in TIMES],
+            "rms": [images[times] * scale for times in TIMES],
+        },
+    }
+
+
+def _find(
+    found: Assessment,
+    dof: str,
+    scale: float,
+    wished: float | None,
+    images: Mapping[int, float],
+    told: str,
+) -> Findings:
+    i, name = DOFS.index(dof), found.choice[dof]
+    forecast, curve = found.candidates[name].forecast, found.curves[dof]
+    narrower, repetition = found.without_border.get(name), found.images.repetition
+    return Findings(
+        unit=DISPLAY_UNITS[i],
+        rms=images[1] * scale,
+        baseline=float(forecast.baseline[i]) * scale,
+        wished=wished,
+        n_images=int(curve.n_images[-1]),
+        told=told,
+        family=title_of(name),
+        others={
+            title_of(other): float(candidate.forecast.rms[i]) * scale
+            for other, candidate in found.candidates.items()
+            if other == "moments" and other != name
+        },
+        at_twice=images[2] * scale,
+        at_five_times=images[5] * scale,
+        images_for_wish=None if wished is None else curve.images_for(wished / scale)[0],
+        without_border=None if narrower is None else float(narrower[i]) * scale,
+        inner=_scaled(inner_rms(forecast.residuals[:, i], found.learned_targets[:, i]), scale),
+        period_px=float(np.hypot(*repetition.shift)) if repetition.repeats else None,
+        at_random=None if found.at_random is None else found.at_random[dof] * scale,
+    )
+
+
+def _scaled(value: float | None, scale: float) -> float | None:
+    return None if value is None else value * scale
+
+
+def _at(curve: LearningCurve, times: int, rms: float) -> float:
+    """Forecast at some times the images; that of those there are is the forecast itself."""
+    if times == 1:
+        return rms
+    return min(rms, float(curve.rms_at(times * int(curve.n_images[-1])).rms[0]))
+
+
+def _best_regressor(found: Assessment, dof: str, rms: float) -> float:
+    """What the forecast would be with the regressor that did best on the test images."""
+    reached = {one.regressor: one.test_rms for one in found.regressors if one.dof == dof}
+    default = reached.get("gaussian_process", 0.0)
+    return rms * min(reached.values()) / default if default > 0 else rms
+
+
+def _regressors(found: Assessment, scale: Mapping[str, float]) -> list[dict[str, Any]]:
+    rows = []
+    for name in dict.fromkeys(one.regressor for one in found.regressors):
+        scores = [one for one in found.regressors if one.regressor == name]
+        rows.append(
+            {
+                "regressor": name,
+                "rms": {one.dof: one.test_rms * scale[one.dof] for one in scores},
+                "seconds": sum(one.fit_seconds for one in scores),
+                "coverage_95": float(np.mean([one.coverage for one in scores])),
+            }
+        )
+    return rows
+
+
+def _images(found: Assessment) -> dict[str, Any]:
+    images, repetition = found.images, found.images.repetition
+    return {
+        "independence": found.independence.kind,
+        "independence_ratio": found.independence.ratio,
+        "n_train": len(found.split.train),
+        "n_validation": len(found.split.validation),
+        "n_test": len(found.split.test),
+        "n_copies": images.n_copies,
+        "noise_grey": images.noise,
+        "repeats": repetition.repeats,
+        "repetition_correlation": repetition.correlation,
+        "repetition_shift_px": list(repetition.shift),
+    }
+
+
+def _family(found: Assessment, name: str, scale: Mapping[str, float]) -> dict[str, Any]:
+    candidate = found.candidates[name]
+    forecast = candidate.forecast
+    return {
+        "title": title_of(name),
+        "n_features": len(candidate.features.names),
+        "dofs": {
+            dof: {
+                "forecast_rms": float(forecast.rms[DOFS.index(dof)]) * scale[dof],
+                "interval": (forecast.interval[:, DOFS.index(dof)] * scale[dof]).tolist(),
+                "reached_rms": model.rms * scale[dof],
+            }
+            for dof, model in found.trained[name].items()
+        },
+    }

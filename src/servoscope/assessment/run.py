@@ -1,0 +1,278 @@
+"""The assessment of a data set: what each dof will reach, what limits it, and what would help."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.assessment.candidates import (
+    Candidate,
+    choose_families,
+    forecast_candidates,
+    join_candidates,
+    own_groups,
+)
+from servoscope.assessment.disturbed import disturbed_errors, noise_errors
+from servoscope.assessment.families import FAMILIES, compute_families
+from servoscope.assessment.image_facts import ImageFacts, describe_images
+from servoscope.assessment.independence import Independence, find_groups, split_groups
+from servoscope.assessment.models import DofModel, join_models, train_models
+from servoscope.assessment.what_if import forecast_without_border
+from servoscope.dataset import PoseImageSet
+from servoscope.poses import DOFS
+from servoscope.progress import ProgressBar, no_progress
+from servoscope.regression import RegressorScore, compare_regressors
+from servoscope.selection import LearningCurve, forecast_errors, learning_curve
+from servoscope.splits import Split
+
+Array = NDArray[np.float64]
+
+COMPARED = ("gaussian_process", "kernel_ridge", "levenberg_marquardt", "lbfgs")
+"""The regressors that are quick enough on hundreds of features."""
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """Everything that was measured; errors in units of the range.
+
+    Parameters
+    ----------
+    data : PoseImageSet
+    split : Split
+    independence : Independence
+    images : ImageFacts
+    candidates : dict of Candidate
+    choice : dict
+        The candidate that tells each dof best, for those that move.
+    trained : dict
+        By candidate and dof.
+    curves : dict of LearningCurve
+        By dof, on the chosen features.
+    noise : dict
+        RMS error by dof that the noise of the pixels makes.
+    disturbed : dict
+        RMS test error by disturbance and dof.
+    without_border : dict
+        Forecasts by candidate from the middle of the view; None where it is too small.
+    at_random : dict or None
+        Forecasts by dof that take dependent images for independent ones.
+    regressors : list of RegressorScore
+    """
+
+    data: PoseImageSet = field(repr=False)
+    split: Split = field(repr=False)
+    independence: Independence = field(repr=False)
+    images: ImageFacts
+    candidates: dict[str, Candidate] = field(repr=False)
+    choice: dict[str, str]
+    trained: dict[str, dict[str, DofModel]] = field(repr=False)
+    curves: dict[str, LearningCurve] = field(repr=False)
+    noise: dict[str, float]
+    disturbed: dict[str, dict[str, float]]
+    without_border: dict[str, Array | None] = field(repr=False)
+    at_random: dict[str, float] | None
+    regressors: list[RegressorScore] = field(repr=False)
+
+    @property
+    def learned_targets(self) -> Array:
+        """Displacements of the images that were learned from, in units of the range."""
+        learn = np.sort(np.concatenate([self.split.train, self.split.validation]))
+        return self.data.delta_p()[learn] / self.data.ranges()
+
+
+def assess(
+    data: PoseImageSet,
+    *,
+    seed: int = 0,
+    n_jobs: int | None = -1,
+    progress: ProgressBar = no_progress,
+) -> Assessment:
+    """Assess a data set.
+
+    Features of every family are forecast, trained on and tested; the rest looks closer at those
+    that are forecast to tell each dof best. Nothing is decided on the test images.
+
+    Parameters
+    ----------
+    data : PoseImageSet
+    seed : int
+        Seed of the split and of the disturbances.
+    n_jobs : int, optional
+        Processes, as joblib counts them; every number of them gives the same.
+    progress : ProgressBar
+
+    Raises
+    ------
+    InvalidInputError
+        If there are fewer than 40 images.
+    """
+    return _Course(data, seed, n_jobs, progress).run()
+
+
+@dataclass(frozen=True, eq=False)
+class _Course:
+    """The steps of an assessment, and what they share."""
+
+    data: PoseImageSet
+    seed: int
+    n_jobs: int | None
+    progress: ProgressBar
+
+    @cached_property
+    def independence(self) -> Independence:
+        return find_groups(self.data)
+
+    @cached_property
+    def split(self) -> Split:
+        return split_groups(self.data, self.independence, self.seed)
+
+    @cached_property
+    def learn(self) -> NDArray[np.intp]:
+        return np.sort(np.concatenate([self.split.train, self.split.validation]))
+
+    @cached_property
+    def groups(self) -> NDArray[np.intp] | None:
+        return own_groups(self.independence.groups[self.learn])
+
+    @cached_property
+    def targets(self) -> Array:
+        """Displacements in units of the range; exactly 0 for a dof that never moves."""
+        return np.where(self.data.moves(), self.data.delta_p() / self.data.ranges(), 0.0)
+
+    def run(self) -> Assessment:
+        split = self.split
+        images = describe_images(self.data)
+        candidates = self._forecast(images)
+        moving = [dof for dof, moves in zip(DOFS, self.data.moves(), strict=True) if moves]
+        best = choose_families(candidates)
+        choice = {dof: best[dof] for dof in moving}
+        trained = self._train(candidates, choice)
+        noise, disturbed = self._disturb(trained, choice, images.noise)
+        return Assessment(
+            self.data,
+            split,
+            self.independence,
+            images,
+            candidates,
+            choice,
+            trained,
+            curves=self._learning_curves(candidates, choice),
+            noise=noise,
+            disturbed=disturbed,
+            without_border=self._without_border(choice),
+            at_random=self._at_random(candidates, choice),
+            regressors=self._regressors(candidates, choice),
+        )
+
+    def _forecast(self, images: ImageFacts) -> dict[str, Candidate]:
+        names = list(FAMILIES) if images.change else ["moments"]
+        with self.progress("features", len(names)) as advance:
+            found = compute_families(
+                self.data.images,
+                self.targets,
+                self.learn,
+                names,
+                n_jobs=self.n_jobs,
+                on_progress=advance,
+            )
+        features = join_candidates(found)
+        with self.progress("forecasts", len(features)) as advance:
+            return forecast_candidates(
+                self.data.images,
+                self.targets,
+                self.learn,
+                self.independence.groups,
+                features,
+                n_jobs=self.n_jobs,
+                on_progress=advance,
+            )
+
+    def _train(
+        self, candidates: dict[str, Candidate], choice: dict[str, str]
+    ) -> dict[str, dict[str, DofModel]]:
+        features = {name: candidate.features for name, candidate in candidates.items()}
+        with self.progress("training", len(features) * len(choice)) as advance:
+            return train_models(
+                features,
+                self.targets,
+                self.split,
+                choice,
+                n_jobs=self.n_jobs,
+                on_progress=advance,
+            )
+
+    def _disturb(
+        self, trained: dict[str, dict[str, DofModel]], choice: dict[str, str], noise: float
+    ) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
+        models = join_models(
+            trained, choice, self.data.images[self.learn], self.targets[self.learn]
+        )
+        images, targets = self.data.images[self.split.test], self.targets[self.split.test]
+        return (
+            noise_errors(models, images, noise, self.seed),
+            disturbed_errors(models, images, targets, self.seed),
+        )
+
+    def _learning_curves(
+        self, candidates: dict[str, Candidate], choice: dict[str, str]
+    ) -> dict[str, LearningCurve]:
+        curves = {}
+        with self.progress("learning curves", len(choice)) as advance:
+            for n_done, (dof, name) in enumerate(choice.items(), start=1):
+                curves[dof] = learning_curve(
+                    candidates[name].features.values[self.learn],
+                    self.targets[self.learn, DOFS.index(dof)],
+                    groups=self.groups,
+                    n_jobs=self.n_jobs,
+                )
+                advance(n_done)
+        return curves
+
+    def _without_border(self, choice: dict[str, str]) -> dict[str, Array | None]:
+        with self.progress("narrower view", 1) as advance:
+            found = forecast_without_border(
+                self.data.images[self.learn],
+                self.targets[self.learn],
+                self.groups,
+                choice.values(),
+                n_jobs=self.n_jobs,
+            )
+            advance(1)
+        return found
+
+    def _at_random(
+        self, candidates: dict[str, Candidate], choice: dict[str, str]
+    ) -> dict[str, float] | None:
+        """What a forecast promises that does not know that images are dependent."""
+        if self.groups is None:
+            return None
+        promised = {}
+        for dof, name in choice.items():
+            X = candidates[name].features.values[self.learn]
+            y = self.targets[self.learn, DOFS.index(dof)]
+            promised[dof] = float(forecast_errors(X, y, n_jobs=self.n_jobs).rms[0])
+        return promised
+
+    def _regressors(
+        self, candidates: dict[str, Candidate], choice: dict[str, str]
+    ) -> list[RegressorScore]:
+        """Other regressors on the chosen features."""
+        names = sorted(set(choice.values()))
+        if not names:
+            return []
+        ends = np.cumsum([0, *(len(candidates[name].features.names) for name in names)])
+        columns = {dof: np.arange(*ends[names.index(n) :][:2]) for dof, n in choice.items()}
+        with self.progress("regressors", len(COMPARED) * len(choice)) as advance:
+            return compare_regressors(
+                np.hstack([candidates[name].features.values for name in names]),
+                self.targets[:, [DOFS.index(dof) for dof in choice]],
+                self.split,
+                COMPARED,
+                columns=columns,
+                dofs=tuple(choice),
+                n_jobs=self.n_jobs,
+                on_progress=advance,
+            )

@@ -1,0 +1,77 @@
+"""The part of ``assess`` that decides: what each dof will reach, and what would help."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.table import Table
+
+from servoscope.assessment import as_json, assess
+from servoscope.commands.output import console
+from servoscope.commands.progress import progress_bar
+from servoscope.dataset import PoseImageSet
+from servoscope.files import write_json
+from servoscope.poses import DISPLAY_UNITS, DOFS
+from servoscope.study.run import fingerprint
+from servoscope.study.run_folder import RunFolder, read_json
+
+Errors = Mapping[str, float]
+
+
+def run_assessment(
+    run: RunFolder,
+    data: PoseImageSet,
+    *,
+    seed: int,
+    wishes: Errors,
+    label_errors: Errors,
+    n_jobs: int,
+) -> dict[str, Any]:
+    """Assess a data set, unless the run folder holds the assessment already."""
+    path = run.path / "assessment.json"
+
+    def make() -> None:
+        found = assess(data, seed=seed, n_jobs=n_jobs, progress=progress_bar)
+        write_json(path, as_json(found, wishes, label_errors))
+
+    inputs = {"data": fingerprint(data), "settings": run.settings}
+    run.run_stage("decision", inputs, make, [path.name])
+    return read_json(path)
+
+
+def told_label_errors(data: PoseImageSet) -> dict[str, float]:
+    """Errors of the poses that a simulated robot tells, [mm] and [deg]; nothing of a real one."""
+    told = {unit: data.source.get(f"repeatability_{unit}") for unit in ("mm", "deg")}
+    return {
+        dof: float(error)
+        for dof, unit in zip(DOFS, DISPLAY_UNITS, strict=True)
+        if isinstance(error := told[unit], int | float)
+    }
+
+
+def print_assessment(assessment: dict[str, Any]) -> None:
+    """Print what each dof reaches, what limits it, and what would help it most."""
+    out = console()
+    table = Table(title="What each degree of freedom will reach", title_justify="left")
+    for heading in ("dof", "forecast (90 %)", "reached", "wanted", "told", "limited by"):
+        table.add_column(heading)
+    table.add_column("what would help most")
+    for dof, row in assessment["dofs"].items():
+        advice = row["advice"][0] if row["advice"] else "-"
+        table.add_row(dof, *_numbers(row), row["told"], row["limited_by"], advice)
+    out.print(table)
+    out.print(assessment["conclusion"])
+    for warning in assessment["warnings"]:
+        out.print(warning)
+
+
+def _numbers(row: dict[str, Any]) -> tuple[str, str, str]:
+    """Forecast, reached and wanted; a dash for what there is not."""
+    unit = row["unit"]
+    wanted = "-" if row["wanted"] is None else f"{row['wanted']:.3g} {unit}"
+    if row["forecast_rms"] is None:
+        return "-", "-", wanted
+    low, high = row["interval"]
+    forecast = f"{row['forecast_rms']:.2g} {unit} ({low:.2g} to {high:.2g})"
+    return forecast, f"{row['reached_rms']:.2g} {unit}", wanted

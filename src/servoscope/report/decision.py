@@ -1,0 +1,126 @@
+"""The rows of an assessment's tables."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from servoscope.report.names import DOF_LABELS
+
+DISTURBANCES = {
+    "clean": "none",
+    "gain": "gain 0.8",
+    "offset": "8 grey levels added",
+    "light": "another light",
+    "noise": "noise of 10 grey levels",
+    "defocus": "blur of 2 px in 256",
+    "covering": "a tenth covered",
+}
+"""The disturbances in words."""
+
+
+REGRESSORS = {
+    "gaussian_process": "Gaussian process (default)",
+    "kernel_ridge": "kernel ridge",
+    "levenberg_marquardt": "the paper's nets",
+    "bayesian_lm": "nets, Bayesian weight decay",
+    "lbfgs": "nets by L-BFGS",
+}
+"""The regressors in words."""
+
+
+def describe_assessment(assessed: dict[str, Any], figures: list[dict[str, Any]]) -> dict[str, Any]:
+    """Everything that the page tells of an assessment."""
+    dofs = [dof for dof, row in assessed["dofs"].items() if row["forecast_rms"] is not None]
+    return {
+        "conclusion": assessed["conclusion"],
+        "warnings": assessed["warnings"],
+        "images": assessed["images"],
+        "rows": [_decision(dof, row) for dof, row in assessed["dofs"].items()],
+        "figures": figures,
+        "heads": [f"{DOF_LABELS[dof]} [{assessed['dofs'][dof]['unit']}]" for dof in dofs],
+        "families": _families(assessed["families"], dofs),
+        "agreement": _agreement(assessed, dofs),
+        "regressors": [
+            {
+                "title": REGRESSORS.get(row["regressor"], row["regressor"]),
+                "cells": [row["rms"][dof] for dof in dofs],
+                "seconds": row["seconds"],
+                "covered": row["coverage_95"],
+            }
+            for row in assessed["regressors"]
+        ],
+        "disturbed": [
+            {"title": DISTURBANCES.get(name, name), "cells": [errors[dof] for dof in dofs]}
+            for name, errors in assessed["disturbed"].items()
+        ],
+    }
+
+
+def _decision(dof: str, row: dict[str, Any]) -> dict[str, Any]:
+    shown = {
+        "label": DOF_LABELS[dof],
+        "told": row["told"],
+        "limited_by": row["limited_by"],
+        "family": row.get("family", "–"),
+        "features": ", ".join(row["best_features"]),
+        "advice": row["advice"],
+        "wanted": "–" if row["wanted"] is None else f"{row['wanted']:.3g} {row['unit']}",
+    }
+    if row["forecast_rms"] is None:
+        return {**shown, "forecast": "–", "interval": "", "reached": "–", "met": None}
+    low, high = row["interval"]
+    return {
+        **shown,
+        "forecast": f"{row['forecast_rms']:.2g} {row['unit']}",
+        "interval": f"{low:.2g} to {high:.2g}",
+        "reached": f"{row['reached_rms']:.2g} {row['unit']}",
+        "met": None if row["wanted"] is None else row["reached_rms"] <= row["wanted"],
+    }
+
+
+def _families(families: dict[str, Any], dofs: list[str]) -> list[dict[str, Any]]:
+    least = {
+        dof: min(family["dofs"][dof]["forecast_rms"] for family in families.values())
+        for dof in dofs
+    }
+    return [
+        {
+            "title": family["title"],
+            "n_features": family["n_features"],
+            "cells": [
+                {
+                    "forecast": family["dofs"][dof]["forecast_rms"],
+                    "reached": family["dofs"][dof]["reached_rms"],
+                    "best": family["dofs"][dof]["forecast_rms"] == least[dof],
+                }
+                for dof in dofs
+            ],
+        }
+        for family in families.values()
+    ]
+
+
+def _agreement(assessed: dict[str, Any], dofs: list[str]) -> str:
+    """How far the forecasts agree with what was reached; nothing where there are few."""
+    pairs = np.array(
+        [
+            [
+                family["dofs"][dof][key] / (assessed["dofs"][dof]["baseline_rms"] or 1.0)
+                for key in ("forecast_rms", "reached_rms")
+            ]
+            for family in assessed["families"].values()
+            for dof in dofs
+        ]
+    )
+    if len(pairs) < 12 or not (pairs > 0).all():
+        return ""
+    ratio = pairs[:, 0] / pairs[:, 1]
+    within = np.mean((ratio >= 0.75) & (ratio <= 1.33))
+    return (
+        f"Of {len(pairs)} forecasts, {100 * within:.0f} % lie within 0.75 and 1.33 of what was "
+        f"reached; the median ratio is {np.median(ratio):.2f}, the rank correlation "
+        f"{spearmanr(*pairs.T).statistic:.2f}."
+    )
