@@ -101,7 +101,7 @@ def test_a_set_that_never_moves_and_one_of_one_image_are_described():
 
 def test_too_few_images_are_refused():
     data = data_at(at_random(39))
-    with pytest.raises(InvalidInputError, match="at least 40 images .* got 39"):
+    with pytest.raises(InvalidInputError, match=r"at least 40 images .* got 39"):
         split_groups(data, find_groups(data), seed=0)
 
 

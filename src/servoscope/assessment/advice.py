@@ -11,6 +11,10 @@ LEAST_GAIN = 0.1
 """What would change an error by less than this share is not worth saying."""
 
 
+MUCH = 2.0
+"""A disturbance that multiplies an error by more than this is worth a warning."""
+
+
 @dataclass(frozen=True)
 class Findings:
     """What was measured of one dof, as advice needs it; errors in `unit`.
@@ -44,6 +48,8 @@ class Findings:
         After how many pixels the view repeats, if it does.
     at_random : float or None
         What a forecast says that takes images of one sequence for independent ones.
+    disturbed : dict
+        Errors on disturbed test images by what disturbs them, in words.
     """
 
     unit: str
@@ -61,6 +67,7 @@ class Findings:
     inner: float | None
     period_px: float | None
     at_random: float | None
+    disturbed: Mapping[str, float]
 
     @property
     def is_met(self) -> bool:
@@ -93,7 +100,7 @@ def _helps(found: Findings) -> Iterator[tuple[float, str]]:
 def _more_images(found: Findings) -> Iterator[tuple[float, str]]:
     if found.wished is not None and not found.is_met:
         if found.images_for_wish is not None:
-            more = max(found.images_for_wish - found.n_images, 1)
+            more = _two_digits(max(found.images_for_wish - found.n_images, 1))
             yield found.wished, f"about {more} more images bring {_says(found.wished, found)}"
         else:
             yield (
@@ -146,11 +153,19 @@ def _warnings(found: Findings) -> Iterator[str]:
             f"the view repeats every {found.period_px:.0f} px: start closer than half of that, "
             "or bring something into view that stands there once"
         )
+    if found.disturbed:
+        title, rms = max(found.disturbed.items(), key=lambda item: item[1])
+        if rms > MUCH * found.rms:
+            yield f"beware of disturbances: {title} makes it {_says(rms, found)}"
     if found.at_random is not None and found.at_random < (1 - LEAST_GAIN) * found.rms:
         yield (
             f"these images are not independent: taken for independent they promise "
             f"{_says(found.at_random, found)}; take images at random poses"
         )
+
+
+def _two_digits(number: int) -> int:
+    return int(float(f"{number:.2g}"))
 
 
 def _says(value: float, found: Findings) -> str:

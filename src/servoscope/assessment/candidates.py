@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,12 @@ from servoscope.selection import Forecast, crossfit_forecast, forecast_errors
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+
+HARDLY_BEHIND = 1.1
+"""A forecast up to this many times the least is as good for fewer features."""
+
+FULL_EFFORT = {"max_samples": 600, "max_iter": 60}
+"""How many samples choose a kernel and for how long, as in training."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,11 +91,48 @@ def forecast_candidates(
 
 
 def choose_families(candidates: Mapping[str, Candidate]) -> dict[str, str]:
-    """The candidate of least forecast error for every dof."""
-    return {
-        dof: min(candidates, key=lambda name: float(candidates[name].forecast.rms[i]))
-        for i, dof in enumerate(DOFS)
-    }
+    """For every dof the candidate of fewest features that is hardly behind the best forecast."""
+    chosen = {}
+    for i, dof in enumerate(DOFS):
+        rms = {name: float(one.forecast.rms[i]) for name, one in candidates.items()}
+        limit = HARDLY_BEHIND * min(rms.values())
+        good = [name for name, error in rms.items() if error <= limit]
+        chosen[dof] = min(good, key=lambda name: len(candidates[name].features.names))
+    return chosen
+
+
+def refine_forecasts(
+    images: NDArray[np.uint8],
+    targets: Array,
+    groups: Indices | None,
+    chosen: Mapping[str, FamilyFeatures],
+    *,
+    n_jobs: int | None = -1,
+    on_progress: Callable[[int], object] | None = None,
+) -> dict[str, Forecast]:
+    """The forecast of each dof from its chosen features, with as much effort as training takes.
+
+    Parameters
+    ----------
+    images : ndarray of shape (n, height, width), uint8
+        To learn from; the features in `chosen` are of these.
+    targets : ndarray of shape (n, 6)
+    groups : ndarray of shape (n,), optional
+    chosen : dict of FamilyFeatures
+        By dof.
+    """
+    options: dict[str, Any] = {"groups": groups, "n_jobs": n_jobs, **FULL_EFFORT}
+    forecasts: dict[str, Forecast] = {}
+    for dof, features in chosen.items():
+        y = targets[:, [DOFS.index(dof)]]
+        transformer = FamilyTransformer(features.family)
+        if transformer.is_learned:
+            forecasts[dof] = crossfit_forecast(transformer, images, y, **options)
+        else:
+            forecasts[dof] = forecast_errors(features.values, y, **options)
+        if on_progress is not None:
+            on_progress(len(forecasts))
+    return forecasts
 
 
 def own_groups(groups: Indices) -> Indices | None:

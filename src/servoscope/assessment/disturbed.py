@@ -11,6 +11,17 @@ from servoscope.positioning.disturbances import SINGLE_DISTURBANCES, Disturbance
 
 Array = NDArray[np.float64]
 
+TITLES = {
+    "clean": "none",
+    "gain": "gain 0.8",
+    "offset": "8 grey levels added",
+    "light": "another light",
+    "noise": "noise of 10 grey levels",
+    "defocus": "blur of 2 px in 256",
+    "covering": "a tenth covered",
+}
+"""The disturbances in words."""
+
 
 def disturbed_errors(
     models: PoseModels, images: NDArray[np.uint8], targets: Array, seed: int = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,6 +134,10 @@ class FamilyFeatures:
     family: str
     values: Array
     names: tuple[str, ...]
+
+    def of(self, images: Indices) -> FamilyFeatures:
+        """Those of some of the images."""
+        return replace(self, values=self.values[images])
 
 
 def compute_families(

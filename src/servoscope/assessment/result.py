@@ -10,6 +10,7 @@ import numpy as np
 
 from servoscope.assessment.advice import Findings, advise
 from servoscope.assessment.budget import share_out
+from servoscope.assessment.disturbed import TITLES
 from servoscope.assessment.families import title_of
 from servoscope.assessment.run import Assessment
 from servoscope.assessment.verdict import CONSTANT, STILL, conclude, grade, name_limit
@@ -100,14 +101,10 @@ def _decide(
     found: Assessment, dof: str, scale: float, wished: float | None, label_error: float | None
 ) -> dict[str, Any]:
     i, name = DOFS.index(dof), found.choice[dof]
-    forecast, model, curve = (
-        found.candidates[name].forecast,
-        found.trained[name][dof],
-        found.curves[dof],
-    )
-    rms, baseline = float(forecast.rms[i]), float(forecast.baseline[i])
+    forecast, model, curve = found.forecasts[dof], found.trained[name][dof], found.curves[dof]
+    rms, baseline = float(forecast.rms[0]), float(forecast.baseline[0])
     told = grade(rms, baseline)
-    images = {times: _at(curve, times, rms) for times in TIMES}
+    images = {times: rms * _falls_to(curve, times) for times in TIMES}
     budget = share_out(
         rms,
         noise=found.noise[dof],
@@ -118,7 +115,7 @@ def _decide(
     findings = _find(found, dof, scale, wished, images, told)
     return {
         "forecast_rms": rms * scale,
-        "interval": (forecast.interval[:, i] * scale).tolist(),
+        "interval": (forecast.interval[:, 0] * scale).tolist(),
         "reached_rms": model.rms * scale,
         "unit": DISPLAY_UNITS[i],
         "limited_by": CONSTANT
@@ -133,7 +130,7 @@ def _decide(
         "family": title_of(name),
         "baseline_rms": baseline * scale,
         "coverage_95": model.covered,
-        "information_alone": float(forecast.entropy_power.joint[i]) * scale,
+        "information_alone": float(forecast.entropy_power.joint[0]) * scale,
         "budget": asdict(budget),
         "learning_curve": {
             "n_images": [times * int(curve.n_images[-1]) for times in TIMES],
@@ -151,28 +148,34 @@ def _find(
     told: str,
 ) -> Findings:
     i, name = DOFS.index(dof), found.choice[dof]
-    forecast, curve = found.candidates[name].forecast, found.curves[dof]
+    forecast, curve, candidate = found.forecasts[dof], found.curves[dof], found.candidates[name]
     narrower, repetition = found.without_border.get(name), found.images.repetition
+    level = images[1] / float(candidate.forecast.rms[i])  # of full effort over that of a glance
     return Findings(
         unit=DISPLAY_UNITS[i],
         rms=images[1] * scale,
-        baseline=float(forecast.baseline[i]) * scale,
+        baseline=float(forecast.baseline[0]) * scale,
         wished=wished,
         n_images=int(curve.n_images[-1]),
         told=told,
         family=title_of(name),
         others={
-            title_of(other): float(candidate.forecast.rms[i]) * scale
-            for other, candidate in found.candidates.items()
+            title_of(other): float(one.forecast.rms[i]) * scale
+            for other, one in found.candidates.items()
             if other == "moments" and other != name
         },
         at_twice=images[2] * scale,
         at_five_times=images[5] * scale,
-        images_for_wish=None if wished is None else curve.images_for(wished / scale)[0],
-        without_border=None if narrower is None else float(narrower[i]) * scale,
-        inner=_scaled(inner_rms(forecast.residuals[:, i], found.learned_targets[:, i]), scale),
+        images_for_wish=None if wished is None else curve.images_for(wished / scale / level)[0],
+        without_border=None if narrower is None else level * float(narrower[i]) * scale,
+        inner=_scaled(inner_rms(forecast.residuals[:, 0], found.learned_targets[:, i]), scale),
         period_px=float(np.hypot(*repetition.shift)) if repetition.repeats else None,
-        at_random=None if found.at_random is None else found.at_random[dof] * scale,
+        at_random=None if found.at_random is None else level * found.at_random[dof] * scale,
+        disturbed={
+            TITLES[disturbance]: errors[dof] * scale
+            for disturbance, errors in found.disturbed.items()
+            if disturbance != "clean"
+        },
     )
 
 
@@ -180,11 +183,11 @@ def _scaled(value: float | None, scale: float) -> float | None:
     return None if value is None else value * scale
 
 
-def _at(curve: LearningCurve, times: int, rms: float) -> float:
-    """Forecast at some times the images; that of those there are is the forecast itself."""
-    if times == 1:
-        return rms
-    return min(rms, float(curve.rms_at(times * int(curve.n_images[-1])).rms[0]))
+def _falls_to(curve: LearningCurve, times: int) -> float:
+    """Share of the error that is left with some times the images."""
+    n_images = int(curve.n_images[-1])
+    now, then = (float(curve.rms_at(n).rms[0]) for n in (n_images, times * n_images))
+    return min(then / now, 1.0) if now > 0 else 1.0
 
 
 def _best_regressor(found: Assessment, dof: str, rms: float) -> float:

@@ -14,6 +14,7 @@ from servoscope.assessment.candidates import (
     forecast_candidates,
     join_candidates,
     own_groups,
+    refine_forecasts,
 )
 from servoscope.assessment.disturbed import disturbed_errors, noise_errors
 from servoscope.assessment.families import FAMILIES, compute_families
@@ -25,7 +26,7 @@ from servoscope.dataset import PoseImageSet
 from servoscope.poses import DOFS
 from servoscope.progress import ProgressBar, no_progress
 from servoscope.regression import RegressorScore, compare_regressors
-from servoscope.selection import LearningCurve, forecast_errors, learning_curve
+from servoscope.selection import Forecast, LearningCurve, forecast_errors, learning_curve
 from servoscope.splits import Split
 
 Array = NDArray[np.float64]
@@ -47,6 +48,8 @@ class Assessment:
     candidates : dict of Candidate
     choice : dict
         The candidate that tells each dof best, for those that move.
+    forecasts : dict of Forecast
+        By dof, on the chosen features.
     trained : dict
         By candidate and dof.
     curves : dict of LearningCurve
@@ -68,6 +71,7 @@ class Assessment:
     images: ImageFacts
     candidates: dict[str, Candidate] = field(repr=False)
     choice: dict[str, str]
+    forecasts: dict[str, Forecast] = field(repr=False)
     trained: dict[str, dict[str, DofModel]] = field(repr=False)
     curves: dict[str, LearningCurve] = field(repr=False)
     noise: dict[str, float]
@@ -158,6 +162,7 @@ class _Course:
             images,
             candidates,
             choice,
+            self._refine(candidates, choice),
             trained,
             curves=self._learning_curves(candidates, choice),
             noise=noise,
@@ -190,6 +195,19 @@ class _Course:
                 on_progress=advance,
             )
 
+    def _refine(
+        self, candidates: dict[str, Candidate], choice: dict[str, str]
+    ) -> dict[str, Forecast]:
+        with self.progress("best forecasts", len(choice)) as advance:
+            return refine_forecasts(
+                self.data.images[self.learn],
+                self.targets[self.learn],
+                self.groups,
+                {dof: candidates[name].features.of(self.learn) for dof, name in choice.items()},
+                n_jobs=self.n_jobs,
+                on_progress=advance,
+            )
+
     def _train(
         self, candidates: dict[str, Candidate], choice: dict[str, str]
     ) -> dict[str, dict[str, DofModel]]:
@@ -207,14 +225,16 @@ class _Course:
     def _disturb(
         self, trained: dict[str, dict[str, DofModel]], choice: dict[str, str], noise: float
     ) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
-        models = join_models(
-            trained, choice, self.data.images[self.learn], self.targets[self.learn]
-        )
         images, targets = self.data.images[self.split.test], self.targets[self.split.test]
-        return (
-            noise_errors(models, images, noise, self.seed),
-            disturbed_errors(models, images, targets, self.seed),
-        )
+        with self.progress("disturbances", 2) as advance:
+            models = join_models(
+                trained, choice, self.data.images[self.learn], self.targets[self.learn]
+            )
+            changes = noise_errors(models, images, noise, self.seed)
+            advance(1)
+            errors = disturbed_errors(models, images, targets, self.seed)
+            advance(2)
+        return changes, errors
 
     def _learning_curves(
         self, candidates: dict[str, Candidate], choice: dict[str, str]

@@ -63,19 +63,25 @@ def finish_run(
 
 
 def print_summary(summary: dict[str, Any], report: Path) -> None:
-    """Print the errors by family and dof, and where the report is."""
+    """Print what was assessed, or else the errors by family and dof, and where the report is."""
     out = console()
     if "assessed" in summary:
         print_assessment(summary["assessed"])
-    if "study_left_out" in summary:
-        out.print(f"The paper's study is left out. {summary['study_left_out']}")
+        if "study_left_out" in summary:
+            out.print(f"The paper's study is left out. {summary['study_left_out']}")
+    else:
+        _print_study(summary)
+    out.print(f"total {summary['timings_s']['total']:.1f} s")
+    out.print(f"report: {report}", soft_wrap=True)
+
+
+def _print_study(summary: dict[str, Any]) -> None:
+    out = console()
     for protocol, forms in summary["protocols"].items():
         for displacement, results in forms.items():
             out.print(_table(f"{protocol} protocol, {displacement} form", results))
-    for finding in compare_order_of_families(summary) if summary["protocols"] else []:
+    for finding in compare_order_of_families(summary):
         out.print(f"The paper: {finding.claim} Here: {finding.verdict}.")
-    out.print(f"total {summary['timings_s']['total']:.1f} s")
-    out.print(f"report: {report}", soft_wrap=True)
 
 
 def _table(title: str, results: dict[str, Any]) -> Table:

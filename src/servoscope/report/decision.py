@@ -7,19 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import spearmanr
 
+from servoscope.assessment.disturbed import TITLES
 from servoscope.report.names import DOF_LABELS
-
-DISTURBANCES = {
-    "clean": "none",
-    "gain": "gain 0.8",
-    "offset": "8 grey levels added",
-    "light": "another light",
-    "noise": "noise of 10 grey levels",
-    "defocus": "blur of 2 px in 256",
-    "covering": "a tenth covered",
-}
-"""The disturbances in words."""
-
 
 REGRESSORS = {
     "gaussian_process": "Gaussian process (default)",
@@ -53,7 +42,7 @@ def describe_assessment(assessed: dict[str, Any], figures: list[dict[str, Any]])
             for row in assessed["regressors"]
         ],
         "disturbed": [
-            {"title": DISTURBANCES.get(name, name), "cells": [errors[dof] for dof in dofs]}
+            {"title": TITLES.get(name, name), "cells": [errors[dof] for dof in dofs]}
             for name, errors in assessed["disturbed"].items()
         ],
     }
