@@ -96,7 +96,7 @@ def test_the_summary_is_the_same_for_any_number_of_processes(finished, plane, tm
     assert results(tmp_path / "run") == results(finished.folder.path)
 
 
-@pytest.mark.parametrize("stage", ["_compute_features", "_assess", "_train"])
+@pytest.mark.parametrize("stage", ["_compute_features", "_assess", "_measure_chance", "_train"])
 def test_an_interrupted_study_ends_with_the_same_summary(
     finished, plane, tmp_path, monkeypatch, stage
 ):
@@ -117,7 +117,7 @@ def test_an_interrupted_study_ends_with_the_same_summary(
 
 
 def test_a_second_run_does_nothing_again(finished, plane, monkeypatch):
-    for stage in ("_compute_features", "_assess", "_train"):
+    for stage in ("_compute_features", "_assess", "_measure_chance", "_train"):
         monkeypatch.setattr(Study, stage, lambda *_: pytest.fail("done again"))
     before = results(finished.folder.path)
     study_of(plane, finished.folder.path).run()

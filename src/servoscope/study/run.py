@@ -20,6 +20,7 @@ from servoscope.progress import ProgressBar, no_progress
 from servoscope.regression import PoseRegressor
 from servoscope.splits import Split, split_images
 from servoscope.study.assessment import Assessment, assess_features, rankings_as_csv
+from servoscope.study.chance import measure_chance
 from servoscope.study.config import N_EIGENVECTORS, StudyConfig, check_n_images
 from servoscope.study.feature_tables import (
     FeaturePictures,
@@ -79,6 +80,7 @@ class Study:
         self.folder.run_stage("features", inputs, self._compute_features, features)
         ranking = ["ranking.csv", "selection.npz"]
         self.folder.run_stage("assessment", inputs, self._assess, ranking)
+        self.folder.run_stage("chance", inputs, self._measure_chance, ["chance.json"])
         for unit, name in zip(self.units, names, strict=True):
             models = [f"models/{name}.npz", f"models/{name}.json"]
             train = partial(self._train, unit)
@@ -108,12 +110,11 @@ class Study:
     @cached_property
     def assessments(self) -> dict[Unit, Assessment]:
         """What mutual information says of the candidates, by protocol and form."""
-        everything = np.arange(len(self.data))
         return {
             (protocol, displacement): assess_features(
                 self.tables[protocol, displacement],
                 self.targets(displacement),
-                everything if protocol == "paper" else self.split(protocol).train,
+                self._assessed(protocol),
                 n_bins=self.config.n_bins,
                 n_ranked=self.config.n_ranked,
             )
@@ -155,6 +156,23 @@ class Study:
         }
         write_arrays(self.folder.path / "selection.npz", redundancies)
 
+    def _measure_chance(self) -> None:
+        found: dict[str, dict[str, Any]] = {protocol: {} for protocol in self.config.protocols}
+        for protocol, displacement in self.units:
+            found[protocol][displacement] = measure_chance(
+                self.assessments[protocol, displacement],
+                self.tables[protocol, displacement],
+                self.targets(displacement),
+                in_order_of_time(self.data, self._assessed(protocol)),
+                in_sequence=self.data.split == "blocks",
+                n_bins=self.config.n_bins,
+            )
+        write_json(self.folder.path / "chance.json", found)
+
+    def _assessed(self, protocol: str) -> NDArray[np.intp]:
+        """The images from which mutual information is taken."""
+        return np.arange(len(self.data)) if protocol == "paper" else self.split(protocol).train
+
     def _train(self, unit: Unit) -> None:
         protocol, displacement = unit
         table, assessment, split = self.tables[unit], self.assessments[unit], self.split(protocol)
@@ -185,12 +203,14 @@ class Study:
         write_json(path.with_suffix(".json"), results)
 
     def _summary(self) -> dict[str, Any]:
+        chance = read_json(self.folder.path / "chance.json")
         return describe_run(self.folder, self.data) | {
             "protocols": {
                 protocol: {
                     displacement: read_json(
                         self.folder.path / "models" / f"{protocol}_{displacement}.json"
                     )
+                    | chance[protocol][displacement]
                     for displacement in DISPLACEMENTS
                 }
                 for protocol in self.config.protocols
@@ -221,6 +241,14 @@ def split_data(data: PoseImageSet, protocol: str, seed: int) -> Split:
     if data.split == "blocks":
         times = np.arange(len(data)) if data.times is None else data.times
     return split_images(len(data), protocol, seed, times)
+
+
+def in_order_of_time(data: PoseImageSet, images: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Images in the order in which they were taken, as far as that is known."""
+    ordered = np.sort(images)
+    if data.times is None:
+        return ordered
+    return np.asarray(ordered[np.argsort(data.times[ordered], kind="stable")])
 
 
 def check_data(data: PoseImageSet, config: StudyConfig) -> None:

@@ -24,6 +24,8 @@ PARTS = (
     "features.npz",
     "selection.npz",
     "ranking.csv",
+    "chance.json",
+    "criteria.json",
     "assessment.json",
     "report.html",
     "scoreboard.json",
