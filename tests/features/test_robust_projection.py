@@ -1,5 +1,7 @@
 """Completion of values that vary in few directions, some places of which are wrong."""
 
+import copy
+
 import numpy as np
 import pytest
 
@@ -101,3 +103,11 @@ def test_values_that_never_vary_are_completed_with_themselves():
     same = np.full((10, N_LAYERS * N_PLACES), 2.0)
     projection = fit_robust_projection(same, N_LAYERS, 3, NO_NUISANCE)
     np.testing.assert_allclose(projection.complete(same, SCALES)[0], 2)
+
+
+def test_what_follows_from_the_fields_is_not_copied_with_them(training, spoilt):
+    projection = fit_robust_projection(training, N_LAYERS, 5, NO_NUISANCE)
+    completed, _ = projection.complete(spoilt, SCALES)
+    twin = copy.deepcopy(projection)
+    assert len(vars(twin)) < len(vars(projection))
+    np.testing.assert_array_equal(twin.complete(spoilt, SCALES)[0], completed)

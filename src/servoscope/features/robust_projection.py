@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,33 +81,41 @@ class RobustProjection:
         weights = np.ones((len(values), n_places)) if weights is None else weights.copy()
         completed = np.empty_like(values)
         with one_blas_thread():
-            design = np.vstack([_SCALE_DEVIATION * self.mean, self.components, self.nuisances])
-            design /= self.noise
-            grams = self._grams(design)
             for start in range(0, len(values), _BLOCK):
                 block = slice(start, start + _BLOCK)
                 for scale in scales:
-                    solution = self._solve(values[block], design, grams, weights[block])
-                    residuals = values[block] / self.noise - solution @ design
+                    solution = self._solve(values[block], weights[block])
+                    residuals = values[block] / self.noise - solution @ self._design
                     squares = np.square(residuals).reshape(-1, self.n_layers, n_places).mean(axis=1)
                     weights[block] = (scale**2 / (scale**2 + squares)) ** 2
                 completed[block] = self._without_nuisances(solution)
         return completed, weights
 
-    def _grams(self, design: Array) -> Array:
-        """Inner products of the rows of `design` in each place, one row of a triangle each."""
-        by_place = design.reshape(len(design), self.n_layers, -1).transpose(2, 0, 1)
-        rows, columns = np.triu_indices(len(design))
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what follows from the fields, which takes more room than they do."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @cached_property
+    def _design(self) -> Array:
+        """What values are a sum of, in units of the noise."""
+        rows = np.vstack([_SCALE_DEVIATION * self.mean, self.components, self.nuisances])
+        return rows / self.noise
+
+    @cached_property
+    def _grams(self) -> Array:
+        """Inner products of the rows of the design in each place, a row of a triangle each."""
+        by_place = self._design.reshape(len(self._design), self.n_layers, -1).transpose(2, 0, 1)
+        rows, columns = np.triu_indices(len(self._design))
         return np.array([(place @ place.T)[rows, columns] for place in by_place])
 
-    def _solve(self, values: Array, design: Array, grams: Array, weights: Array) -> Array:
-        n_rows = len(design)
+    def _solve(self, values: Array, weights: Array) -> Array:
+        n_rows = len(self._design)
         expected = np.zeros(n_rows)
         expected[0] = 1 / _SCALE_DEVIATION
         weighted = values / self.noise * np.tile(weights, self.n_layers)
-        right = weighted @ design.T + expected
+        right = weighted @ self._design.T + expected
         left = np.zeros((len(values), n_rows, n_rows))
-        left[:, *np.triu_indices(n_rows)] = weights @ grams
+        left[:, *np.triu_indices(n_rows)] = weights @ self._grams
         left += np.eye(n_rows)
         return np.array([_solve_positive(*system) for system in zip(left, right, strict=True)])
 
