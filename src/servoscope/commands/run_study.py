@@ -19,6 +19,7 @@ from servoscope.report import write_report
 from servoscope.report.agreement import compare_order_of_families
 from servoscope.report.averages import mean_rms, moving_dofs
 from servoscope.study import Study, StudyConfig, check_data
+from servoscope.study.criteria import compare_criteria
 from servoscope.study.paper import FAMILIES, FAMILY_TITLES
 from servoscope.study.run import describe_run
 from servoscope.study.run_folder import RunFolder, read_json
@@ -40,8 +41,11 @@ def finish_run(
     path = run.path / "summary.json"
     try:
         check_data(data, config)
-        Study(run, data, config, n_jobs=n_jobs, progress=progress_bar).run()
+        study = Study(run, data, config, n_jobs=n_jobs, progress=progress_bar)
+        study.run()
         summary = read_json(path)
+        if assessment is not None:
+            summary["criteria"] = compare_criteria(study)
     except InvalidInputError as error:
         if assessment is None:
             raise
@@ -51,7 +55,7 @@ def finish_run(
     write_json(path, summary)
     with progress_bar("report", 1) as advance:
         write = partial(write_report, run.path, n_jobs=n_jobs)
-        told = {name: summary.get(name) for name in ("protocols", "assessed")}
+        told = {name: summary.get(name) for name in ("protocols", "assessed", "criteria")}
         run.run_stage("report", told, write, ["report.html"])
         advance(1)
     summary["timings_s"] = run.timings()

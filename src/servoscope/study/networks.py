@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,6 +101,39 @@ def train_study_nets(
     points = [(dof, subset) for dof in DOFS for subset in sweeps[dof]]
     inputs += [table.candidates[list(subset.features)] for _, subset in points]
     dofs = [dof for _, dof in keys] + [dof for dof, _ in points]
+    trained = train_nets(
+        table, targets, split, dofs, inputs, config, n_jobs=n_jobs, on_progress=on_progress
+    )
+    families: dict[str, dict[str, TrainedNet]] = {family: {} for family in FAMILIES}
+    for (family, dof), net in zip(keys, trained, strict=False):
+        families[family][dof] = net
+    sweep_nets: dict[str, list[SweepPoint]] = {dof: [] for dof in DOFS}
+    for (dof, subset), net in zip(points, trained[len(keys) :], strict=True):
+        sweep_nets[dof].append(SweepPoint(subset, net))
+    return StudyNets(families, sweep_nets)
+
+
+def train_nets(
+    table: FeatureTable,
+    targets: NDArray[np.float64],
+    split: Split,
+    dofs: Sequence[str],
+    inputs: Sequence[NDArray[np.intp]],
+    config: StudyConfig,
+    *,
+    n_jobs: int = -1,
+    on_progress: Progress | None = None,
+) -> list[TrainedNet]:
+    """Train a net for each dof from the columns of the table that it is given.
+
+    Parameters
+    ----------
+    dofs : sequence of str
+    inputs : sequence of ndarray
+        As many arrays of columns.
+    table, targets, split, config, n_jobs, on_progress
+        As of `train_study_nets`.
+    """
     jobs = [
         NetworkJob(columns, DOFS.index(dof), _seed(config.seed, dof, columns))
         for columns, dof in zip(inputs, dofs, strict=True)
@@ -115,17 +148,10 @@ def train_study_nets(
         n_jobs=n_jobs,
         on_progress=on_progress,
     )
-    trained = [
+    return [
         _measure(table.values, targets, split, job, net)
         for job, net in zip(jobs, nets, strict=True)
     ]
-    families: dict[str, dict[str, TrainedNet]] = {family: {} for family in FAMILIES}
-    for (family, dof), net in zip(keys, trained, strict=False):
-        families[family][dof] = net
-    sweep_nets: dict[str, list[SweepPoint]] = {dof: [] for dof in DOFS}
-    for (dof, subset), net in zip(points, trained[len(keys) :], strict=True):
-        sweep_nets[dof].append(SweepPoint(subset, net))
-    return StudyNets(families, sweep_nets)
 
 
 def _measure(

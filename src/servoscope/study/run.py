@@ -70,11 +70,7 @@ class Study:
 
     def run(self) -> None:
         """Compute features, assess them, train the nets, and write ``summary.json``."""
-        inputs = {
-            "data": fingerprint(self.data),
-            "config": asdict(self.config),
-            "servoscope": __version__,
-        }
+        inputs = self.inputs
         names = ["_".join(unit) for unit in self.units]
         features = ["features.npz", *(f"vectors/{name}.npz" for name in names)]
         self.folder.run_stage("features", inputs, self._compute_features, features)
@@ -86,6 +82,15 @@ class Study:
             train = partial(self._train, unit)
             self.folder.run_stage(f"networks_{name}", inputs, train, models)
         write_json(self.folder.path / "summary.json", self._summary())
+
+    @cached_property
+    def inputs(self) -> dict[str, Any]:
+        """What every stage depends on."""
+        return {
+            "data": fingerprint(self.data),
+            "config": asdict(self.config),
+            "servoscope": __version__,
+        }
 
     def split(self, protocol: str) -> Split:
         """The images that train, decide and test."""

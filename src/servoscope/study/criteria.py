@@ -1,0 +1,124 @@
+"""Criteria of selection side by side: what the study's nets reach with the features of each."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.files import write_json
+from servoscope.poses import DOFS
+from servoscope.processes import in_processes
+from servoscope.selection import CRITERIA, Candidates
+from servoscope.study.forecasts import compare_forecasts
+from servoscope.study.networks import train_nets
+from servoscope.study.run import Study, Unit
+from servoscope.study.run_folder import read_json
+
+SIZES = (4, 8, 16, 24)
+"""How many features each criterion selects."""
+
+UNIT: Unit = ("honest", "pivot")
+"""The protocol and the form under which the criteria are compared."""
+
+Orders = dict[tuple[str, str], list[int]]
+"""Candidates in the order of selection, by criterion and dof."""
+
+
+def compare_criteria(study: Study) -> dict[str, Any] | None:
+    """Compare the criteria, and forecasts with nets, in a stage of a finished study.
+
+    Parameters
+    ----------
+    study : Study
+
+    Returns
+    -------
+    dict or None
+        ``sizes``; ``errors[criterion][dof]``, RMS test errors of the nets that take the first so
+        many features, in units of the range; ``all_candidates[dof]``, of those that take all;
+        ``selected[criterion][dof]``, the names in order; and ``forecasts`` as
+        `compare_forecasts` returns them. None if the study has no honest protocol or nothing
+        moves.
+    """
+    if UNIT not in study.units or not moving(study):
+        return None
+    path = study.folder.path / "criteria.json"
+    study.folder.run_stage(
+        "criteria", study.inputs, lambda: write_json(path, _compare(study)), [path.name]
+    )
+    return read_json(path)
+
+
+def moving(study: Study) -> list[str]:
+    """The degrees of freedom that move, in `DOFS` order."""
+    moved = study.data.moves(UNIT[1])
+    return [dof for dof, moves in zip(DOFS, moved, strict=True) if moves]
+
+
+def _compare(study: Study) -> dict[str, Any]:
+    orders = _rank(study)
+    errors = _train(study, orders)
+    table, dofs = study.tables[UNIT], moving(study)
+    names = [table.names[i] for i in table.candidates]
+    everything = tuple(range(len(names)))
+    return {
+        "sizes": SIZES,
+        "errors": {
+            name: {dof: [errors[dof, _subset(orders[name, dof], n)] for n in SIZES] for dof in dofs}
+            for name in CRITERIA
+        },
+        "all_candidates": {dof: errors[dof, everything] for dof in dofs},
+        "selected": {
+            name: {dof: [names[i] for i in orders[name, dof]] for dof in dofs} for name in CRITERIA
+        },
+        "forecasts": compare_forecasts(study, UNIT),
+    }
+
+
+def _rank(study: Study) -> Orders:
+    """The orders of all criteria; those that take longest are begun first."""
+    table, train = study.tables[UNIT], study.split(UNIT[0]).train
+    X, Y = table.values[np.ix_(train, table.candidates)], study.targets(UNIT[1])[train]
+    keys = [(name, dof) for name in reversed(CRITERIA) for dof in moving(study)]
+    calls = [(name, X, Y[:, DOFS.index(dof)], study.config.n_bins) for name, dof in keys]
+    orders: Orders = {}
+    with study.progress("criteria", len(keys)) as advance:
+        ranked = in_processes(rank_candidates, calls, study.n_jobs)
+        for key, order in zip(keys, ranked, strict=True):
+            orders[key] = order
+            advance(len(orders))
+    return orders
+
+
+def rank_candidates(
+    criterion: str, X: NDArray[np.float64], y: NDArray[np.float64], n_bins: int
+) -> list[int]:
+    """The order in which a criterion selects as many features as are compared at most."""
+    order: list[int] = CRITERIA[criterion](Candidates(X, y, n_bins), max(SIZES)).order.tolist()
+    return order
+
+
+def _train(study: Study, orders: Orders) -> dict[tuple[str, tuple[int, ...]], float]:
+    """Test errors by dof and subset; a subset that several criteria share is trained once."""
+    table = study.tables[UNIT]
+    everything = tuple(range(len(table.candidates)))
+    subsets = [(dof, _subset(order, n)) for (_, dof), order in orders.items() for n in SIZES]
+    distinct = list(dict.fromkeys([*subsets, *((dof, everything) for dof in moving(study))]))
+    with study.progress("nets of the criteria", len(distinct)) as advance:
+        nets = train_nets(
+            table,
+            study.targets(UNIT[1]),
+            study.split(UNIT[0]),
+            [dof for dof, _ in distinct],
+            [table.candidates[list(features)] for _, features in distinct],
+            study.config,
+            n_jobs=study.n_jobs,
+            on_progress=advance,
+        )
+    return {subset: net.test_rms for subset, net in zip(distinct, nets, strict=True)}
+
+
+def _subset(order: list[int], n_features: int) -> tuple[int, ...]:
+    return tuple(sorted(order[:n_features]))

@@ -1,0 +1,101 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planar import planar_data_set
+from servoscope.files import to_json
+from servoscope.poses import DOFS
+from servoscope.selection import CRITERIA, MutualInfoSelector
+from servoscope.study import Study, StudyConfig, criteria, open_run_folder
+from servoscope.study.criteria import SIZES, UNIT, compare_criteria
+from servoscope.study.networks import train_nets
+
+QUICK = StudyConfig(hidden=2, restarts=1, n_thresholds=3, protocols=("honest",))
+
+
+def finished(data, folder):
+    study = Study(open_run_folder(folder, {}), data, QUICK, n_jobs=1)
+    study.run()
+    return study
+
+
+@pytest.fixture(scope="module")
+def study(plane, tmp_path_factory):
+    return finished(plane, tmp_path_factory.mktemp("criteria") / "run")
+
+
+@pytest.fixture(scope="module")
+def compared(study):
+    return compare_criteria(study)
+
+
+def test_every_criterion_has_an_error_for_every_dof_and_size(compared):
+    assert tuple(compared["errors"]) == tuple(CRITERIA)
+    for by_dof in compared["errors"].values():
+        assert tuple(by_dof) == DOFS
+        assert all(len(errors) == len(SIZES) for errors in by_dof.values())
+
+
+def test_every_criterion_selects_on_the_images_that_train(study, compared):
+    table, train = study.tables[UNIT], study.split("honest").train
+    X, y = table.values[np.ix_(train, table.candidates)], study.targets("pivot")[train, 4]
+    for name in set(CRITERIA) - {"forecast"}:
+        order = MutualInfoSelector(max(SIZES), name).fit(X, y).ranking_
+        assert compared["selected"][name]["ry"] == [table.names[i] for i in order]
+
+
+def test_errors_are_those_of_test_images(study, compared):
+    table, split = study.tables[UNIT], study.split("honest")
+    columns = [table.names.index(name) for name in compared["selected"]["jmi"]["rx"][:8]]
+    targets = study.targets("pivot")
+    (net,) = train_nets(table, targets, split, ["rx"], [np.sort(columns)], QUICK, n_jobs=1)
+    predicted = net.net.predict(table.values[np.ix_(split.test, net.columns)])
+    expected = np.sqrt(np.mean((predicted - targets[split.test, 3]) ** 2))
+    assert compared["errors"]["jmi"]["rx"][SIZES.index(8)] == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_stage_is_done_once(study, compared, monkeypatch):
+    monkeypatch.setattr(criteria, "_compare", lambda _: pytest.fail("done again"))
+    assert compare_criteria(study) == compared
+
+
+@pytest.mark.slow
+def test_the_number_of_processes_makes_no_difference(study, compared):
+    in_two = Study(study.folder, study.data, QUICK, n_jobs=2)
+    again = json.loads(to_json(criteria._compare(in_two)))
+    assert again == compared
+
+
+def test_a_study_without_the_honest_protocol_is_not_compared(plane, tmp_path):
+    config = replace(QUICK, protocols=("paper",))
+    study = Study(open_run_folder(tmp_path / "run", {}), plane, config)
+    assert compare_criteria(study) is None
+
+
+def test_dofs_that_never_move_are_left_out(tmp_path):
+    data = planar_data_set()
+    poses = data.T_world_cam.copy()
+    poses[:, 2, 3] = data.T_world_ref[2, 3]
+    poses[:, :3, :3] = data.T_world_ref[:3, :3]
+    compared = compare_criteria(finished(replace(data, T_world_cam=poses), tmp_path / "run"))
+    for by_dof in (*compared["errors"].values(), compared["all_candidates"]):
+        assert list(by_dof) == ["tx", "ty"]
+    assert {pair["dof"] for pair in compared["forecasts"]} == {"tx", "ty"}
+
+
+def test_nothing_is_compared_where_nothing_moves(tmp_path):
+    data = planar_data_set()
+    still = replace(data, T_world_cam=np.broadcast_to(np.eye(4), (150, 4, 4)))
+    study = Study(open_run_folder(tmp_path / "run", {}), still, QUICK)
+    assert compare_criteria(study) is None
+
+
+def test_forecasts_stand_beside_what_the_study_reached(study, compared):
+    results = criteria.read_json(study.folder.path / "models" / "honest_pivot.json")
+    pairs = {(pair["features"], pair["dof"]): pair for pair in compared["forecasts"]}
+    assert len(pairs) == len(compared["forecasts"]) == 4 * 6
+    assert pairs["pca", "rz"]["reached"] == results["table1"]["pca"]["rz"]["rms"]
+    assert pairs["selected", "tx"]["reached"] == results["table3"]["tx"]["rms"]
+    assert all(0 < pair["forecast"] < 1 for pair in pairs.values())
