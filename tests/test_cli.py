@@ -14,6 +14,7 @@ import pytest
 from planar import planar_data_set
 from servoscope.cli import main
 
+MOMENTS = ("--families", "moments")
 STUDY = ("study", "--n-images", "144", "--image-size", "24", "--seed", "3", "--protocol", "honest")
 
 
@@ -113,7 +114,7 @@ def test_an_interrupted_study_says_so_in_one_line_and_can_be_resumed(finished, t
 def test_assess_of_the_studys_images_finds_what_the_study_found(finished, tmp_path):
     run = tmp_path / "run"
     command = ["assess", str(finished / "dataset"), "--out", str(run), "--seed", "3"]
-    assert main([*command, "--protocol", "honest"]) == 0
+    assert main([*command, "--protocol", "honest", *MOMENTS]) == 0
     assert results(run)["protocols"] == results(finished)["protocols"]
 
 
@@ -225,7 +226,8 @@ def test_a_full_disk_is_said_in_one_line(tmp_path, monkeypatch, capsys):
         raise OSError(28, "No space left on device", "features.npz")
 
     monkeypatch.setattr("servoscope.study.run.write_arrays", full)
-    assert main(["assess", str(tmp_path / "data"), "--out", str(tmp_path / "run")]) == 1
+    command = ["assess", str(tmp_path / "data"), "--out", str(tmp_path / "run"), *MOMENTS]
+    assert main(command) == 1
     last = capsys.readouterr().err.splitlines()[-1]
     assert last.startswith("servoscope: features.npz: No space left on device; free some")
 
@@ -249,10 +251,10 @@ def test_import_only_reads_its_source(tmp_path, capsys):
     assert (tmp_path / "poses.csv").read_bytes() == before
 
 
-def test_too_few_images_that_train_are_refused_before_a_run_is_made(tmp_path, capsys):
-    planar_data_set(146, 24, split="blocks").save(tmp_path / "data")
+def test_too_few_images_are_refused_before_a_run_is_made(tmp_path, capsys):
+    planar_data_set(59, 24).save(tmp_path / "data")
     assert main(["assess", str(tmp_path / "data"), "--out", str(tmp_path / "run")]) == 1
-    assert "more than 85 images that train" in capsys.readouterr().err
+    assert "at least 60 images" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
 
 

@@ -113,7 +113,7 @@ def test_nothing_is_said_where_nothing_would_help():
         ({"inner": 0.4}, "within half the range it is 0.4 mm"),
         ({"told": "hardly", "rms": 7.5}, "told well once it moves 3.0 times as far"),
         ({"others": {"geometric moments": 1.5}}, "geometric moments would reach 1.5 mm"),
-        ({"period_px": 50.0}, "repeats every 50 px"),
+        ({"period_px": 50.0, "told": "hardly"}, "repeats every 50 px"),
         ({"disturbed": {"gain 0.8": 1.9, "another light": 30.0}}, "another light makes it 30 mm"),
         ({"at_random": 0.1}, "taken for independent they promise 0.1 mm"),
     ],
@@ -128,6 +128,13 @@ def test_what_helps_most_comes_first():
     assert starts == ["a", "approach", "twice"]
 
 
-def test_of_what_is_not_told_only_a_longer_range_is_advised():
-    found = replace(FOUND, told="not", rms=9.5, inner=0.1, at_five_times=0.1)
-    assert [line.split(":")[0] for line in advise(found)] == ["a longer range"]
+def test_of_what_is_not_told_nothing_but_another_view_or_range_is_advised():
+    found = replace(FOUND, told="not", rms=9.5, inner=0.1, at_five_times=0.1, others={"a": 9.9})
+    starts = [line.split(":")[0] for line in advise(found)]
+    assert starts == ["nothing here tells it", "a longer range"]
+    assert len(advise(replace(found, rms=10.1))) == 1
+
+
+def test_a_repeating_pattern_comes_before_all_other_advice():
+    found = replace(FOUND, told="not", rms=9.5, period_px=50.0)
+    assert advise(found)[0].startswith("the view repeats every 50 px")

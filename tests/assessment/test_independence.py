@@ -100,8 +100,8 @@ def test_a_set_that_never_moves_and_one_of_one_image_are_described():
 
 
 def test_too_few_images_are_refused():
-    data = data_at(at_random(39))
-    with pytest.raises(InvalidInputError, match=r"at least 40 images .* got 39"):
+    data = data_at(at_random(59))
+    with pytest.raises(InvalidInputError, match=r"at least 60 images .* got 59"):
         split_groups(data, find_groups(data), seed=0)
 
 
@@ -110,3 +110,9 @@ def test_another_seed_tests_on_other_images():
     found = find_groups(data)
     tests = [set(split_groups(data, found, seed).test) for seed in (0, 1)]
     assert tests[0] != tests[1]
+
+
+def test_a_short_sequence_that_leaves_too_few_is_refused():
+    data = data_at(wandering(60), split="blocks")
+    with pytest.raises(InvalidInputError, match=r"depend on each other \(sequence\), 38 and 10"):
+        split_groups(data, find_groups(data), seed=1)

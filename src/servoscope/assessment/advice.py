@@ -76,15 +76,30 @@ class Findings:
 
 
 def advise(found: Findings) -> list[str]:
-    """Sentences on what would help, what helps most first, and then what to beware of."""
+    """Sentences on what stands in the way, what would help most, and what to beware of."""
     helps = sorted(_helps(found), key=lambda item: item[0])
-    return [text for _, text in helps] + list(_warnings(found))
+    return [*_obstacles(found), *(text for _, text in helps), *_warnings(found)]
+
+
+def _obstacles(found: Findings) -> Iterator[str]:
+    """What has to go before anything else can help."""
+    if found.period_px is not None and found.told != "well":
+        yield (
+            f"the view repeats every {found.period_px:.0f} px: start closer than half of that, "
+            "or bring something into view that stands there once"
+        )
+    elif found.told == "not":
+        yield (
+            f"nothing here tells it: {_says(found.rms, found)} is what answering the mean reaches; "
+            "see whether the part is in view and sharp, and try another view"
+        )
 
 
 def _helps(found: Findings) -> Iterator[tuple[float, str]]:
     """Errors that are hoped for, and how."""
     if found.told == "not":
-        yield _longer_range(found)
+        if found.rms < found.baseline:
+            yield _longer_range(found)
         return
     yield from _more_images(found)
     yield from _wider_view(found)
@@ -145,15 +160,10 @@ def _longer_range(found: Findings) -> tuple[float, str]:
 
 
 def _warnings(found: Findings) -> Iterator[str]:
-    if found.others:
+    if found.others and found.told != "not":
         title, rms = min(found.others.items(), key=lambda item: item[1])
         yield f"keep to {found.family}: {title} would reach {_says(rms, found)}"
-    if found.period_px is not None:
-        yield (
-            f"the view repeats every {found.period_px:.0f} px: start closer than half of that, "
-            "or bring something into view that stands there once"
-        )
-    if found.disturbed:
+    if found.disturbed and found.told != "not":
         title, rms = max(found.disturbed.items(), key=lambda item: item[1])
         if rms > MUCH * found.rms:
             yield f"beware of disturbances: {title} makes it {_says(rms, found)}"

@@ -75,6 +75,29 @@ MIXES = (
 """Families that are tried together: the paper's, and those that need no fitting."""
 
 
+def choose_tried(names: str) -> list[str]:
+    """The families that a list with commas names; all of them for ``all``.
+
+    Raises
+    ------
+    InvalidInputError
+        If a name is unknown, or there is none.
+
+    Examples
+    --------
+    >>> choose_tried("moments, robust")
+    ['moments', 'robust']
+    """
+    if names.strip() == "all":
+        return list(FAMILIES)
+    tried = [name.strip() for name in names.split(",") if name.strip()]
+    if not tried or set(tried) - set(FAMILIES):
+        raise InvalidInputError(
+            f"families must be all or taken from {', '.join(FAMILIES)}, got {names!r}."
+        )
+    return tried
+
+
 def title_of(family: str) -> str:
     """What people call a family, or several joined by ``+``.
 

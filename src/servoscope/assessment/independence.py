@@ -19,7 +19,10 @@ N_GROUPS = 20
 STEP_RATIO, NEIGHBOUR_RATIO = 0.5, 0.3
 """Below these, images count as a sequence, or as taken from places that were visited again."""
 
-LEAST_IMAGES = 40
+LEAST_IMAGES = 60
+"""Of so many, drawn at random, 45 are learned from and 15 tested on."""
+
+LEAST_LEARNED = 40
 
 Indices = NDArray[np.intp]
 
@@ -84,14 +87,26 @@ def split_groups(data: PoseImageSet, independence: Independence, seed: int) -> S
     Raises
     ------
     InvalidInputError
-        If there are fewer than `LEAST_IMAGES` images.
+        If there are fewer than `LEAST_IMAGES` images, or too few are left to learn from.
     """
     check_enough_images(data)
+    split = _split(data, independence, seed)
+    n_learned = len(split.train) + len(split.validation)
+    if n_learned < LEAST_LEARNED or not len(split.test):
+        raise InvalidInputError(
+            f"An assessment needs at least {LEAST_LEARNED} images to learn from and some to test "
+            f"on; of these {len(data)}, which depend on each other ({independence.kind}), "
+            f"{n_learned} and {len(split.test)} are left. Take more."
+        )
+    return split
+
+
+def _split(data: PoseImageSet, independence: Independence, seed: int) -> Split:
+    if independence.kind == "independent":
+        return split_images(len(data), "honest", seed)
     if independence.kind == "sequence":
         times = np.arange(len(data)) if data.times is None else data.times
         return split_images(len(data), "honest", seed, times)
-    if independence.kind == "independent":
-        return split_images(len(data), "honest", seed)
     names = np.unique(independence.groups)
     of_names = split_images(len(names), "honest", seed)
     parts = (of_names.train, of_names.validation, of_names.test)

@@ -69,7 +69,7 @@ def find_repetition(image: NDArray[np.uint8]) -> Repetition:
         small = np.asarray(cv2.resize(small, shape, interpolation=cv2.INTER_AREA))
     correlation = _autocorrelation(small - cv2.GaussianBlur(small, (0, 0), _BACKGROUND))
     at, height = _second_peak(correlation)
-    back = 1 / min(scale, 1.0)
+    back = (-1 if at[1] < 0 else 1) / min(scale, 1.0)  # a shift and its opposite are the same
     return Repetition(height, (float(at[1] * back), float(at[0] * back)))
 
 

@@ -43,7 +43,7 @@ def as_json(
     dofs = {
         dof: _decide(found, dof, scale[dof], wishes.get(dof), label_errors.get(dof))
         if dof in found.choice
-        else _still(dof)
+        else _still(dof, wishes.get(dof))
         for dof in DOFS
     }
     return {
@@ -75,14 +75,14 @@ def _warnings(found: Assessment) -> Iterator[str]:
     if found.images.repetition.repeats:
         x, y = found.images.repetition.shift
         yield (
-            f"The reference view repeats itself {x:.0f} px along x and {y:.0f} px along y from "
-            "where it is: poses that far apart look alike."
+            f"The reference view looks like itself when shifted by {x:.0f} px along x and {y:.0f} "
+            "px along y: poses that far apart are taken for each other."
         )
     if found.images.n_copies and found.images.change:
         yield f"{found.images.n_copies} images are exact copies of others: was the camera frozen?"
 
 
-def _still(dof: str) -> dict[str, Any]:
+def _still(dof: str, wished: float | None) -> dict[str, Any]:
     """A dof of which nothing can be said."""
     return {
         "forecast_rms": None,
@@ -93,7 +93,7 @@ def _still(dof: str) -> dict[str, Any]:
         "best_features": [],
         "advice": ["take images in which it moves"],
         "told": "still",
-        "wanted": None,
+        "wanted": wished,
     }
 
 

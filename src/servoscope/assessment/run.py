@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -17,7 +18,7 @@ from servoscope.assessment.candidates import (
     refine_forecasts,
 )
 from servoscope.assessment.disturbed import disturbed_errors, noise_errors
-from servoscope.assessment.families import FAMILIES, compute_families
+from servoscope.assessment.families import FAMILIES, choose_tried, compute_families
 from servoscope.assessment.image_facts import ImageFacts, describe_images
 from servoscope.assessment.independence import Independence, find_groups, split_groups
 from servoscope.assessment.models import DofModel, join_models, train_models
@@ -90,6 +91,7 @@ class Assessment:
 def assess(
     data: PoseImageSet,
     *,
+    families: Sequence[str] = tuple(FAMILIES),
     seed: int = 0,
     n_jobs: int | None = -1,
     progress: ProgressBar = no_progress,
@@ -102,6 +104,8 @@ def assess(
     Parameters
     ----------
     data : PoseImageSet
+    families : sequence of str
+        The families of features to try, of `FAMILIES`; all of them by default.
     seed : int
         Seed of the split and of the disturbances.
     n_jobs : int, optional
@@ -111,9 +115,10 @@ def assess(
     Raises
     ------
     InvalidInputError
-        If there are fewer than 40 images.
+        If a family is unknown, there are fewer than 60 images, or too few are left to learn from.
     """
-    return _Course(data, seed, n_jobs, progress).run()
+    families = choose_tried(",".join(families))
+    return _Course(data, tuple(families), seed, n_jobs, progress).run()
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +126,7 @@ class _Course:
     """The steps of an assessment, and what they share."""
 
     data: PoseImageSet
+    families: tuple[str, ...]
     seed: int
     n_jobs: int | None
     progress: ProgressBar
@@ -173,7 +179,8 @@ class _Course:
         )
 
     def _forecast(self, images: ImageFacts) -> dict[str, Candidate]:
-        names = list(FAMILIES) if images.change else ["moments"]
+        is_hopeless = not (images.change and self.data.moves().any())
+        names = ["moments"] if is_hopeless else list(self.families)
         with self.progress("features", len(names)) as advance:
             found = compute_families(
                 self.data.images,

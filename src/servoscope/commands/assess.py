@@ -12,6 +12,7 @@ def assess(
     out: RunOut = Path("servoscope-run"),
     want: str = "",
     pose_error: str = "",
+    families: str = "all",
     seed: int = 0,
     protocol: Protocol = "both",
     jobs: Jobs = None,
@@ -21,7 +22,7 @@ def assess(
 ) -> None:
     """Say what each degree of freedom will reach, what limits it and what would help.
 
-    Works on a data set folder, such as one made by acquire or by import, of 40 images or more.
+    Works on a data set folder, such as one made by acquire or by import, of 60 images or more.
     Of enough images the paper's study is made as well.
 
     Example: servoscope assess desk --want t=1mm,rz=0.2deg --out desk-run
@@ -30,11 +31,14 @@ def assess(
         want: Wished RMS errors, such as tx=0.5mm,rz=0.1deg; t and r stand for all three of a kind.
         pose_error: RMS errors of the poses that the robot tells, written like --want. Known of
             simulated images; taken for 0 otherwise.
+        families: Families of features to try, with commas between them, of moments, eigenfeatures,
+            pose_covariance, least_squares, projections, log_polar, gradient, intensity, robust.
         seed: Seed of the split and the nets.
     """
     from dataclasses import asdict
 
     from servoscope.assessment import parse_wishes
+    from servoscope.assessment.families import choose_tried
     from servoscope.assessment.independence import check_enough_images
     from servoscope.commands.options import n_jobs, protocols
     from servoscope.commands.run_assessment import run_assessment, told_label_errors
@@ -47,6 +51,7 @@ def assess(
     processes = n_jobs(jobs)
     config = StudyConfig(seed=seed, protocols=protocols(protocol))
     wishes, label_errors = parse_wishes(want), parse_wishes(pose_error)
+    tried = choose_tried(families)
     if out.resolve() in (dataset.resolve(), *dataset.resolve().parents):
         raise InvalidInputError(
             f"--out {out} is or holds the data set {dataset}; name another folder."
@@ -54,11 +59,12 @@ def assess(
     data = PoseImageSet.load(dataset)
     check_enough_images(data)
     settings = {"command": "assess", **asdict(config), "dataset": str(dataset.resolve())}
-    settings |= {"want": wishes, "pose_error": label_errors}
+    settings |= {"want": wishes, "pose_error": label_errors, "families": tried}
     run = open_run_folder(out, settings, resume=resume, force=force)
     assessment = run_assessment(
         run,
         data,
+        families=tried,
         seed=seed,
         wishes=wishes,
         label_errors=label_errors or told_label_errors(data),

@@ -12,6 +12,10 @@ from servoscope import __version__
 from servoscope.commands.options import AnyFolder, Json
 
 
+ENDS = ("report.html", "scoreboard.html", "sensitivity.md")
+"""The last file that each kind of run writes."""
+
+
 def info(path: AnyFolder = None, json: Json = False) -> None:
     """Tell what a data set, a run or a model folder holds; without one, what is installed.
 
@@ -87,7 +91,7 @@ def describe_run(folder: Path) -> dict[str, Any]:
     run = RunFolder(folder, read_settings(folder))
     return {
         "run": str(folder),
-        "finished": any((folder / page).exists() for page in ("report.html", "scoreboard.html")),
+        "finished": any((folder / page).exists() for page in ENDS),
         "settings": run.settings,
         "timings_s": run.timings(),
     }

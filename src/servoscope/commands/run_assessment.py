@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.table import Table
@@ -23,6 +23,7 @@ def run_assessment(
     run: RunFolder,
     data: PoseImageSet,
     *,
+    families: Sequence[str],
     seed: int,
     wishes: Errors,
     label_errors: Errors,
@@ -32,7 +33,7 @@ def run_assessment(
     path = run.path / "assessment.json"
 
     def make() -> None:
-        found = assess(data, seed=seed, n_jobs=n_jobs, progress=progress_bar)
+        found = assess(data, families=families, seed=seed, n_jobs=n_jobs, progress=progress_bar)
         write_json(path, as_json(found, wishes, label_errors))
 
     inputs = {"data": fingerprint(data), "settings": run.settings}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from servoscope import __version__
-from servoscope.poses import DOFS
+from servoscope.poses import DISPLAY_UNITS, DOFS
 from servoscope.report.agreement import compare_with_paper, stands_in_for_paper
 from servoscope.report.averages import mean_rms
 from servoscope.report.decision import describe_assessment
@@ -41,7 +41,9 @@ def collect_facts(run: RunData, files: list[FigureFile]) -> dict[str, Any]:
         "data": describe_data(run),
         "assessed": None
         if run.assessed is None
-        else describe_assessment(run.assessed, [figures[kind] for kind in ASSESSMENT_KINDS]),
+        else describe_assessment(
+            run.assessed, [figures[kind] for kind in ASSESSMENT_KINDS if kind in figures]
+        ),
         "study_left_out": run.summary.get("study_left_out"),
         **(describe_study(run, figures) if run.units else {"first": None}),
         "timings": describe_timings(run.summary["timings_s"]),
@@ -153,6 +155,7 @@ def describe_command(settings: dict[str, Any]) -> str | None:
         options |= {f"n-{k}" if k == "images" else k: v for k, v in _images(acquisition).items()}
     elif settings.get("command") == "assess":
         words = ["servoscope", "assess", str(settings.get("dataset"))]
+        options |= _wishes(settings)
     else:
         return None
     protocols = settings.get("protocols", [])
@@ -179,6 +182,20 @@ def flatten(values: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:
         else:
             rows.append((f"{prefix}{key}", str(value)))
     return rows
+
+
+def _wishes(settings: dict[str, Any]) -> dict[str, str]:
+    """What an assessment was asked for besides its data set."""
+    options = {}
+    for option in ("want", "pose_error"):
+        if settings.get(option):
+            options[option.replace("_", "-")] = ",".join(
+                f"{dof}={value:g}{DISPLAY_UNITS[DOFS.index(dof)]}"
+                for dof, value in settings[option].items()
+            )
+    if settings.get("families"):
+        options["families"] = ",".join(settings["families"])
+    return options
 
 
 def _images(acquisition: dict[str, Any]) -> dict[str, Any]:

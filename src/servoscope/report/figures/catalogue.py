@@ -27,6 +27,8 @@ def _of_assessment(run: RunData) -> list[FigureOrder]:
     if run.assessed is None:
         return []
     rows, families = run.assessed["dofs"], run.assessed["families"]
+    if not assessment.moving(rows):
+        return []
     draw: dict[str, Callable[[], Figure]] = {
         "reach": partial(assessment.draw_reach, rows),
         "budgets": partial(assessment.draw_budgets, rows),

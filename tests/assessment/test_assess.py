@@ -1,0 +1,154 @@
+"""Assessments of whole data sets: planes that can be learned, and images that cannot."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planar import PIVOT, RANGES, planar_data_set, planar_images
+from servoscope.assessment import as_json, assess
+from servoscope.dataset import PoseImageSet
+from servoscope.errors import InvalidInputError
+from servoscope.poses import DOFS, poses_from_displacements
+
+
+def decide(data, wishes=None, n_jobs=1, families=("moments", "log_polar", "pose_covariance")):
+    return as_json(assess(data, n_jobs=n_jobs, families=families), wishes or {}, {})
+
+
+@pytest.fixture(scope="module")
+def plane():
+    return planar_data_set(160, 32)
+
+
+@pytest.fixture(scope="module")
+def decision(plane):
+    return decide(plane, {"tx": 1e-3, "rz": 90.0})
+
+
+@pytest.mark.slow
+def test_forecasts_agree_with_what_is_reached(decision):
+    for row in decision["dofs"].values():
+        assert row["told"] in ("well", "roughly")
+        assert 0.5 < row["forecast_rms"] / row["reached_rms"] < 2
+        low, high = row["interval"]
+        assert low < row["forecast_rms"] < high
+        assert row["forecast_rms"] < 0.6 * row["baseline_rms"]
+
+
+@pytest.mark.slow
+def test_errors_are_told_in_mm_and_degrees(decision):
+    spread = dict(zip(DOFS, [25 / 3**0.5] * 3 + [15 / 3**0.5] * 3, strict=True))
+    for dof, row in decision["dofs"].items():
+        assert row["unit"] == ("mm" if dof[0] == "t" else "deg")
+        assert row["baseline_rms"] == pytest.approx(spread[dof], rel=0.2)
+
+
+@pytest.mark.slow
+def test_wishes_decide_what_is_advised(decision):
+    rows = decision["dofs"]
+    assert rows["tx"]["wanted"] == 1e-3
+    assert any("do not bring 0.001 mm" in line for line in rows["tx"]["advice"])
+    assert not any("bring 90" in line for line in rows["rz"]["advice"])
+
+
+@pytest.mark.slow
+def test_every_number_of_processes_decides_the_same(plane, decision):
+    other = decide(plane, {"tx": 1e-3, "rz": 90.0}, n_jobs=2)
+    for found in (decision, other):
+        for row in found["regressors"]:
+            row.pop("seconds", None)
+    assert other == decision
+
+
+@pytest.mark.parametrize("grey", [0, 77])
+def test_of_images_that_do_not_change_nothing_can_be_learned(plane, grey):
+    images = np.full_like(plane.images, grey)
+    found = decide(replace(plane, images=images, reference_image=images[0]))
+    assert found["conclusion"] == "Nothing can be learned from these images."
+    for row in found["dofs"].values():
+        assert row["limited_by"] == "images do not change"
+        assert row["forecast_rms"] == pytest.approx(row["baseline_rms"], rel=0.02)
+        assert row["told"] == "not"
+        assert row["advice"][0].startswith("nothing can be learned")
+
+
+@pytest.mark.slow
+def test_noise_tells_nothing(plane):
+    noise = np.random.default_rng(0).integers(0, 256, plane.images.shape).astype(np.uint8)
+    found = decide(replace(plane, images=noise), families=["moments", "log_polar"])
+    assert {row["limited_by"] for row in found["dofs"].values()} == {"nothing tells it"}
+    assert found["conclusion"] == "Nothing can be learned from these images."
+
+
+def test_what_never_moves_has_no_forecast(plane):
+    still = np.repeat(plane.T_world_ref[None], len(plane), axis=0)
+    found = decide(replace(plane, T_world_cam=still), {"tx": 1.0})
+    for row in found["dofs"].values():
+        assert (row["forecast_rms"], row["limited_by"]) == (None, "never moves")
+    assert found["dofs"]["tx"]["wanted"] == 1.0
+
+
+def stripes(delta_p, size):
+    """Images of a row of dots on a plane, repeating along x and y."""
+    images = planar_images(delta_p, size, seed=0).astype(float)
+    tx, ty = (delta_p[:, i, None, None] for i in (0, 1))
+    y, x = np.mgrid[:size, :size] / size
+    waves = np.sin(40 * x - 4000 * tx) + np.sin(40 * y - 4000 * ty)
+    return np.clip(120 + 0 * images + 40 * waves, 0, 255).round().astype(np.uint8)
+
+
+@pytest.mark.slow
+def test_a_pattern_that_repeats_within_the_range_is_blamed():
+    delta_p = np.random.default_rng(0).uniform(-1, 1, (160, 6)) * RANGES
+    images = stripes(np.vstack([delta_p, np.zeros(6)]), 48)
+    data = PoseImageSet(
+        images[:-1],
+        poses_from_displacements(np.eye(4), delta_p, PIVOT),
+        np.eye(4),
+        images[-1],
+        pivot=PIVOT,
+        pivot_ranges=RANGES,
+    )
+    found = decide(data)
+    assert found["images"]["repeats"]
+    for dof in ("tx", "ty"):
+        assert found["dofs"][dof]["limited_by"] == "repeating pattern"
+        assert "repeats every" in found["dofs"][dof]["advice"][0]
+    assert any("looks like itself" in line for line in found["warnings"])
+
+
+@pytest.mark.slow
+def test_a_sequence_is_tested_on_whole_blocks_and_says_what_a_random_split_promises():
+    n = 160
+    steps = np.random.default_rng(3).normal(size=(n + 20, 6))
+    path = np.stack([np.convolve(s, np.hanning(21), "valid") for s in steps.T], axis=1)[:n]
+    delta_p = path / np.abs(path).max(axis=0) * RANGES
+    images = planar_images(np.vstack([delta_p, np.zeros(6)]), 24, 0)
+    data = PoseImageSet(
+        images[:-1],
+        poses_from_displacements(np.eye(4), delta_p, PIVOT),
+        np.eye(4),
+        images[-1],
+        pivot=PIVOT,
+        pivot_ranges=RANGES,
+    )
+    found = decide(data)
+    assert found["images"]["independence"] == "sequence"
+    promises = [
+        line
+        for row in found["dofs"].values()
+        for line in row["advice"]
+        if "taken for independent they promise" in line
+    ]
+    assert len(promises) >= 3
+
+
+def test_too_few_images_are_refused_in_one_line():
+    with pytest.raises(InvalidInputError, match="at least 60 images"):
+        assess(planar_data_set(30, 16))
+
+
+def test_unknown_families_are_refused():
+    with pytest.raises(InvalidInputError, match=r"taken from moments, .* got 'gabor'"):
+        assess(planar_data_set(60, 16), families=["gabor"])

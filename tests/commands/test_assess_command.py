@@ -1,0 +1,109 @@
+"""``servoscope assess`` as its users meet it."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planar import planar_data_set
+from servoscope.cli import main
+from servoscope.poses import DOFS
+
+KEYS = {"forecast_rms", "interval", "reached_rms", "unit", "limited_by", "best_features", "advice"}
+
+
+def assess(data, folder: Path, *options: str) -> tuple[int, Path]:
+    data.save(folder / "data")
+    run = folder / "run"
+    command = ["assess", str(folder / "data"), "--out", str(run), "--families", "moments,log_polar"]
+    return main([*command, "--protocol", "honest", *options]), run
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A run with a study, and what it printed."""
+    folder = tmp_path_factory.mktemp("assess")
+    code, run = assess(planar_data_set(150, 24), folder, "--want", "t=1mm,rz=60deg")
+    assert code == 0
+    return run
+
+
+@pytest.mark.slow
+def test_json_tells_the_decision_of_every_dof(finished, capsys):
+    command = ["assess", str(finished.parent / "data"), "--out", str(finished), "--resume"]
+    options = ["--families", "moments,log_polar", "--protocol", "honest", "--want"]
+    assert main([*command, *options, "t=1mm,rz=60deg", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert next(iter(told)) == "assessment"
+    assert list(told["assessment"]) == list(DOFS)
+    for dof, row in told["assessment"].items():
+        assert row.keys() >= KEYS
+        assert row["unit"] == ("mm" if dof[0] == "t" else "deg")
+        assert row["interval"][0] < row["forecast_rms"] < row["interval"][1]
+        assert row["advice"]
+    assert told["assessment"]["tx"]["wanted"] == 1.0
+    assert told["protocols"]["honest"]["pivot"]["table1"]
+
+
+@pytest.mark.slow
+def test_the_report_opens_with_the_decision(finished):
+    page = (finished / "report.html").read_text()
+    tables = [page.index(f'id="{name}"') for name in ("decision-table", "result-table1")]
+    assert tables == sorted(tables)
+    assert page.index("decision-table") < page.index("<img")
+    assert "Wells and Torras" in page
+    assert {"reach.png", "budgets.png", "behind.png"} <= {
+        figure.name for figure in (finished / "figures").iterdir()
+    }
+
+
+@pytest.mark.slow
+def test_the_terminal_shows_the_decision_and_where_the_report_is(tmp_path, capsys):
+    code, run = assess(planar_data_set(90, 24), tmp_path)
+    out = capsys.readouterr().out
+    assert code == 0
+    assert "What each degree of freedom will reach" in out
+    assert "The paper's study is left out. A study needs at least 144 images" in out
+    assert str(run / "report.html") in out.replace("\n", "")
+    summary = json.loads((run / "summary.json").read_text())
+    assert summary["protocols"] == {}
+    assert "at least 144 images" in summary["study_left_out"]
+    assert "at least 144 images" in (run / "report.html").read_text()
+    assert main(["report", str(run)]) == 0
+    capsys.readouterr()
+    assert main(["info", str(run), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["finished"] is True
+
+
+def test_of_constant_images_it_says_that_nothing_can_be_learned(tmp_path, capsys):
+    data = planar_data_set(150, 24)
+    frozen = replace(data, images=np.repeat(data.images[:1], 150, axis=0))
+    code, run = assess(frozen, tmp_path, "--json")
+    assert code == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["assessed"]["conclusion"] == "Nothing can be learned from these images."
+    for row in told["assessment"].values():
+        assert row["limited_by"] == "images do not change"
+        assert row["advice"][0].startswith("nothing can be learned")
+    assert "Nothing can be learned" in (run / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--want", "tx=1"], "written like tx=0.5mm"),
+        (["--want", "tx=1deg"], "tx is told in mm"),
+        (["--pose-error", "x"], "written like"),
+        (["--families", "gabor"], "families must be all or taken from moments"),
+    ],
+)
+def test_what_cannot_be_read_is_said_in_one_line(tmp_path, capsys, options, said):
+    planar_data_set(60, 16).save(tmp_path / "data")
+    out = tmp_path / "run"
+    assert main(["assess", str(tmp_path / "data"), "--out", str(out), *options]) == 1
+    err = capsys.readouterr().err
+    assert said in err
+    assert len(err.splitlines()) == 1
+    assert not out.exists()
