@@ -30,6 +30,9 @@ CONDITIONS = ("clean", *SINGLE_DISTURBANCES)
 MAX_SAMPLES = 5000
 """So many that no image is left out, copies included."""
 
+NONE = "none: the mean"
+"""A family of no features, which answers the mean of the training images."""
+
 N_COMPARED = 4
 """New families that are put beside the paper's best."""
 
@@ -75,6 +78,9 @@ def measure(data: sv.PoseImageSet, seeds: Sequence[int], displacement: str) -> E
     for seed in seeds:
         split = split_data(data, "honest", seed)
         parts = targets[split.train], targets[split.validation], targets[split.test]
+        of_mean = np.sqrt(np.mean((parts[2] - parts[0].mean(axis=0)) ** 2, axis=0))
+        for regressor in REGRESSORS:
+            by_seed.setdefault((NONE, regressor), []).append(np.tile(of_mean, (len(CONDITIONS), 1)))
         for name, samples in compute_families(data, targets, split, seed).items():
             print(f"seed {seed}: {name}", file=sys.stderr, flush=True)
             for regressor in REGRESSORS:
@@ -162,7 +168,7 @@ def _ratios(errors: Errors) -> Findings:
     new = {
         name: of_seeds[:, 0].mean(axis=0)
         for name, of_seeds in _of(errors, "gaussian_process").items()
-        if name not in PUBLISHED
+        if name not in (*PUBLISHED, NONE)
     }
     rows = [
         (
