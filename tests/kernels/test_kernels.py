@@ -123,3 +123,13 @@ def test_what_is_not_positive_definite_is_refused():
     kernel = GaussianKernel(np.zeros(1), np.ones(1), signal=0.0, noise=0.0)
     with pytest.raises(InvalidInputError, match="not positive definite"):
         inverse_covariance(kernel, np.zeros((3, 1)))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_long_first_steps_do_not_lead_into_poor_optima(seed):
+    rng = np.random.default_rng(seed)
+    X = rng.normal(size=(500, 6))
+    y = np.sin(2 * X[:, 0]) + 0.3 * X[:, 1] + 0.02 * rng.normal(size=500)
+    kernel = fit_kernel(X[:400], y[:400])
+    errors = predict(kernel, X[:400], y[:400], X[400:]) - y[400:]
+    assert np.sqrt(np.mean(errors**2)) < 0.04
