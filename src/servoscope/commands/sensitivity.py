@@ -23,6 +23,7 @@ def sensitivity(
     part: Part = "cylinder_head",
     features: tuple[str, ...] = (),
     disturbances: tuple[str, ...] = (),
+    regressor: str = "gaussian_process",
     jobs: Jobs = None,
     resume: Resume = False,
     force: Force = False,
@@ -42,8 +43,11 @@ def sensitivity(
         n_test: Poses at which images are taken anew with everything disturbed in turn.
         image_size: Height and width of the images, in pixels.
         seed: Seed of the poses, the noise and the disturbances.
-        features: Families of features: moments, eigenfeatures, tchebichef; by default all.
+        features: Families of features: moments, eigenfeatures, tchebichef, intensity, robust; the
+            first three by default.
         disturbances: Names, as in the table, of what is disturbed; by default all.
+        regressor: What tells each dof: gaussian_process, kernel_ridge, levenberg_marquardt (the
+            paper's nets), bayesian_lm, lbfgs.
     """
     from dataclasses import asdict
 
@@ -51,7 +55,7 @@ def sensitivity(
     from servoscope.commands.output import print_json
     from servoscope.report.sensitivity import write_sensitivity
     from servoscope.sensitivity import DISTURBANCES, SensitivityConfig
-    from servoscope.sensitivity.config import FEATURES
+    from servoscope.sensitivity.config import DEFAULT_FEATURES
     from servoscope.study.run_folder import open_run_folder
 
     processes = n_jobs(jobs)
@@ -61,8 +65,9 @@ def sensitivity(
         image_size=image_size,
         seed=seed,
         part=part,
-        features=features or tuple(FEATURES),
+        features=features or DEFAULT_FEATURES,
         disturbances=disturbances or tuple(DISTURBANCES),
+        regressor=regressor,
     )
     settings = {"command": "sensitivity", **asdict(config)}
     run = open_run_folder(out, settings, resume=resume, force=force)

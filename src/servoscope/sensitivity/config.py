@@ -8,15 +8,27 @@ from typing import Any
 
 from servoscope.acquisition_config import AcquisitionConfig
 from servoscope.errors import InvalidInputError
-from servoscope.features import Eigenfeatures, GeometricMoments, TchebichefMoments
+from servoscope.features import (
+    Eigenfeatures,
+    GeometricMoments,
+    IntensityMoments,
+    RobustMoments,
+    TchebichefMoments,
+)
+from servoscope.regression import REGRESSORS
 from servoscope.sensitivity.disturbances import DISTURBANCES
 
 FEATURES: dict[str, Callable[[], Any]] = {
     "moments": GeometricMoments,
     "eigenfeatures": lambda: Eigenfeatures(24),
     "tchebichef": TchebichefMoments,
+    "intensity": IntensityMoments,
+    "robust": RobustMoments,
 }
-"""The features that a model may take, by name: two of the paper's families, and a smooth one."""
+"""The features that a model may take, by name."""
+
+DEFAULT_FEATURES = ("moments", "eigenfeatures", "tchebichef")
+"""Two of the paper's families, and a smooth one."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +50,14 @@ class SensitivityConfig:
         Names of `FEATURES`; each has a model of its own, given the same images.
     disturbances : tuple of str
         Names of `DISTURBANCES`.
+    regressor : str
+        Of `REGRESSORS`; ``"levenberg_marquardt"`` for the paper's nets.
 
     Raises
     ------
     InvalidInputError
         If there are fewer than 50 images that train or 2 that test, no features or disturbances,
-        or none of such a name.
+        or nothing is of such a name.
 
     Examples
     --------
@@ -56,8 +70,9 @@ class SensitivityConfig:
     image_size: int = 128
     seed: int = 0
     part: str = "cylinder_head"
-    features: tuple[str, ...] = tuple(FEATURES)
+    features: tuple[str, ...] = DEFAULT_FEATURES
     disturbances: tuple[str, ...] = tuple(DISTURBANCES)
+    regressor: str = "gaussian_process"
 
     def __post_init__(self) -> None:
         for name, least in (("n_images", 50), ("n_test", 2)):
@@ -72,6 +87,10 @@ class SensitivityConfig:
                 raise InvalidInputError(
                     f"{name} must be taken from {', '.join(known)}, got {wanted}."
                 )
+        if self.regressor not in REGRESSORS:
+            raise InvalidInputError(
+                f"regressor must be one of {', '.join(REGRESSORS)}, got {self.regressor!r}."
+            )
         self.acquisition()
 
     def acquisition(self) -> AcquisitionConfig:

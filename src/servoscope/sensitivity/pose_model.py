@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import clone
+from sklearn.utils.validation import has_fit_parameter
 
 from servoscope.poses import DOFS
 from servoscope.processes import one_blas_thread
@@ -96,5 +97,13 @@ def fit_pose_model(
     with one_blas_thread():
         fitted = clone(features).fit(images, targets)
         X = np.asarray(fitted.transform(images), dtype=np.float64)
-        regressors = {dof: clone(regressor).fit(X, targets[:, i]) for i, dof in enumerate(DOFS)}
+        regressors = {dof: _fit(clone(regressor), X, targets[:, i]) for i, dof in enumerate(DOFS)}
     return PoseModel(fitted, regressors, ranges, X.std(axis=0))
+
+
+def _fit(regressor: Any, X: Array, y: Array) -> Any:
+    """Fit to all samples; the last fifth of them stops those that know what to do with it."""
+    if not has_fit_parameter(regressor, "X_val"):
+        return regressor.fit(X, y)
+    n_train = len(y) - len(y) // 5
+    return regressor.fit(X[:n_train], y[:n_train], X[n_train:], y[n_train:])

@@ -9,7 +9,7 @@ from servoscope.dataset import PoseImageSet
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 from servoscope.processes import in_processes
 from servoscope.progress import ProgressBar, no_progress
-from servoscope.regression import GaussianProcess
+from servoscope.regression.registry import make_regressor
 from servoscope.sensitivity.config import FEATURES, SensitivityConfig
 from servoscope.sensitivity.disturbances import DISTURBANCES
 from servoscope.sensitivity.measurement import measure, n_sets
@@ -43,14 +43,17 @@ class SensitivityRun:
 
     @cached_property
     def models(self) -> dict[str, PoseModel]:
-        """A Gaussian process for each dof over each of the features; trained when first used."""
+        """A regressor for each dof over each of the features; trained when first used."""
         train, names = slice(self.config.n_images), self.config.features
+        regressor = make_regressor(self.config.regressor)
         learned = (
             self.data.images[train],
             self.data.delta_p()[train],
             self.data.ranges(),
         )
-        calls = [(*learned, FEATURES[name](), GaussianProcess()) for name in names]
+        calls = [
+            (*learned, FEATURES[name](), regressor) for name in names
+        ]
         models = {}
         with self.progress("training", len(calls)) as advance:
             fitted = in_processes(fit_pose_model, calls, self.n_jobs)
