@@ -5,6 +5,7 @@ import pytest
 
 from servoscope.files import write_arrays, write_json
 from servoscope.poses import DISPLAY_UNITS, DOFS
+from servoscope.selection import CRITERIA
 from servoscope.study.paper import TABLE1, TABLE3, table2
 from servoscope.study.run_folder import VERSION, open_run_folder
 
@@ -64,6 +65,46 @@ def published_results():
             for dof in DOFS
         },
         "ranges": {dof: {"value": RANGES[dof], "unit": UNITS[dof]} for dof in DOFS},
+        **chance(information),
+    }
+
+
+def chance(information):
+    """What is chance in these results: all but the first feature of each dof."""
+    return {
+        "mi_correction": "miller_madow",
+        "mi_null": "chi_square",
+        "mi_corrected": {
+            name: {
+                dof: information[dof] - 0.05 if name == table2(dof)[0] else -0.002 for dof in DOFS
+            }
+            for name in CANDIDATES
+        },
+        "mi_significant": {
+            name: {dof: name == table2(dof)[0] for dof in DOFS} for name in CANDIDATES
+        },
+        "redundancy_bias": {
+            dof: [{"redundancy": 0.1 * i, "bias": 0.06 * i} for i in range(24)] for dof in DOFS
+        },
+        "table2_corrected": {dof: [*table2(dof)[:3], *CANDIDATES[-21:]] for dof in DOFS},
+    }
+
+
+def comparison():
+    """Criteria side by side, of which the forecast errs least."""
+    return {
+        "sizes": [4, 8, 16, 24],
+        "errors": {
+            name: {dof: [0.4 / (i + 1) / n for n in (1, 2, 3, 4)] for dof in DOFS}
+            for i, name in enumerate(CRITERIA)
+        },
+        "all_candidates": dict.fromkeys(DOFS, 0.012),
+        "selected": {name: {dof: table2(dof) for dof in DOFS} for name in CRITERIA},
+        "forecasts": [
+            {"features": family, "dof": dof, "forecast": rms, "reached": rms / 0.9}
+            for family in ("gm", "pca", "pci", "selected")
+            for dof, rms in zip(DOFS, (0.1, 0.2, 0.3, 0.4, 0.5, 0.6), strict=True)
+        ],
     }
 
 
@@ -173,3 +214,9 @@ def make_run(tmp_path):
         return write_run(tmp_path / name, published_summary(**kwargs))
 
     return make
+
+
+@pytest.fixture
+def compared():
+    """Criteria side by side, of which the forecast errs least."""
+    return comparison()

@@ -160,7 +160,7 @@ def test_published_errors_are_left_out_for_other_images(summary):
 
 def test_every_unit_has_its_figures_and_eigenvectors_come_once_a_protocol(run_folder):
     names = [order.name for order in list_figures(read_run(run_folder))]
-    assert len(names) == len(set(names)) == 4 + 4 * 7 + 2
+    assert len(names) == len(set(names)) == 4 + 4 * 8 + 2
     assert sum(name.endswith("_eigenvectors") for name in names) == 2
 
 

@@ -56,7 +56,7 @@ def test_page_holds_every_table(page):
     units = [
         f"{protocol}-{form}" for protocol in ("honest", "paper") for form in ("pivot", "camera")
     ]
-    tables = ("table1", "table2", "table3", "mi", "bins")
+    tables = ("table1", "table2", "table3", "mi", "redundancy", "bins")
     assert {"result-table1", *(f"{unit}-{table}" for unit in units for table in tables)} <= ids
     assert len(page.all("caption")) == len(page.all("table"))
 
@@ -78,7 +78,7 @@ def test_links_lead_to_places_of_the_page(page):
 def test_figures_are_in_the_page_and_in_the_folder_with_an_overview(page, report):
     images = page.all("img")
     files = {path.stem for path in (report.parent / "figures").glob("*.png")}
-    assert len(images) == len(files - {"overview"}) == 33
+    assert len(images) == len(files - {"overview"}) == 37
     assert "overview" in files
     assert all(image["alt"] and int(image["width"]) > 100 for image in images)
 

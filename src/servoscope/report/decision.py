@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.stats import spearmanr
 
 from servoscope.assessment.disturbed import TITLES
+from servoscope.report.criteria import describe_agreement
 from servoscope.report.names import DOF_LABELS
 
 REGRESSORS = {
@@ -104,12 +104,4 @@ def _agreement(assessed: dict[str, Any], dofs: list[str]) -> str:
             for dof in dofs
         ]
     )
-    if len(pairs) < 12 or not (pairs > 0).all():
-        return ""
-    ratio = pairs[:, 0] / pairs[:, 1]
-    within = np.mean((ratio >= 0.75) & (ratio <= 1.33))
-    return (
-        f"Of {len(pairs)} forecasts, {100 * within:.0f} % lie within 0.75 and 1.33 of what was "
-        f"reached; the median ratio is {np.median(ratio):.2f}, the rank correlation "
-        f"{spearmanr(*pairs.T).statistic:.2f}."
-    )
+    return describe_agreement(pairs)

@@ -13,6 +13,8 @@ from servoscope import __version__
 from servoscope.poses import DISPLAY_UNITS, DOFS
 from servoscope.report.agreement import compare_with_paper, stands_in_for_paper
 from servoscope.report.averages import mean_rms
+from servoscope.report.chance import describe_chance
+from servoscope.report.criteria import describe_criteria
 from servoscope.report.decision import describe_assessment
 from servoscope.report.figures.rendering import FigureFile
 from servoscope.report.names import DOF_LABELS, DOF_UNITS, FORM_NAMES, PROTOCOL_NAMES
@@ -68,6 +70,8 @@ def describe_study(run: RunData, figures: dict[str, dict[str, Any]]) -> dict[str
         "units": units,
         "stands_in_for_paper": stands_in_for_paper(run.summary),
         "findings": compare_with_paper(run.summary),
+        "criteria": describe_criteria(run.summary.get("criteria")),
+        "criteria_figure": figures.get("criteria"),
         "reasons": explain_differences(run.summary),
     }
 
@@ -111,6 +115,8 @@ def describe_unit(unit: Unit, figures: dict[str, dict[str, Any]]) -> dict[str, A
         "table3": subset_table(unit.results),
         "mean_selected": mean_rms(unit.results, unit.results["table3"]),
         "mi": information_table(unit.results),
+        "chance": describe_chance(unit.results),
+        "redundancy_figure": figures.get(f"{unit.key}_redundancy"),
         "stability": stability_table(unit.results),
         "figures": [figures[name] for name in names if name in figures],
     }

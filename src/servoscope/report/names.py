@@ -17,6 +17,17 @@ FAMILY_NAMES = {
     "lfa85": "local feature analysis, 85 eigenvectors",
 }
 
+CRITERION_NAMES = {
+    "ideal_point": "ideal point (published)",
+    "ideal_point_corrected": "ideal point, corrected",
+    "mrmr": "mRMR",
+    "jmi": "JMI",
+    "cmim": "CMIM",
+    "conditional": "conditional information",
+    "forecast": "forecast error",
+}
+"""The criteria of selection in words."""
+
 PROTOCOL_NAMES = {"honest": "Honest protocol", "paper": "Paper's protocol"}
 
 FORM_NAMES = {"pivot": "about the pivot", "camera": "about the camera"}

@@ -21,6 +21,12 @@ RESULTS = (
 )
 """What a summary tells for each protocol and displacement form."""
 
+OF_CHANCE = (
+    *("mi_correction", "mi_corrected", "mi_null", "mi_significant"),
+    *("redundancy_bias", "table2_corrected"),
+)
+"""What it tells besides, all or none of it: older runs do not."""
+
 PICTURES = ("eigenvectors", "pci", "covariance", "filtered", "lfa", "locations")
 """The arrays of ``vectors/{protocol}_{displacement}.npz``."""
 
@@ -130,9 +136,13 @@ def _check_summary(path: Path, summary: dict[str, Any]) -> None:
         for key in ("n_images", "image_shape", "pivot_mm", "split", "source"):
             summary["dataset"][key]
         float(summary["timings_s"]["total"])
+        if compared := summary.get("criteria"):
+            for key in ("sizes", "errors", "all_candidates", "forecasts"):
+                compared[key]
         units = list_units(summary)
         for unit in units:
-            for key in RESULTS:
+            of_chance = OF_CHANCE if set(OF_CHANCE) & set(unit.results) else ()
+            for key in (*RESULTS, *of_chance):
                 unit.results[key]
             for row in (*(unit.results["table1"][f] for f in FAMILIES), unit.results["table3"]):
                 for dof in DOFS:

@@ -57,7 +57,7 @@ def subset_table(results: dict[str, Any]) -> list[dict[str, Any]]:
         {
             **results["table3"][dof],
             "dof": DOF_LABELS[dof],
-            "features": [_feature(name) for name in results["table3"][dof]["features"]],
+            "features": [describe_feature(name) for name in results["table3"][dof]["features"]],
             "published_rms": TABLE3[dof]["rms"],
             "published_n": TABLE3[dof]["n_features"],
         }
@@ -66,13 +66,26 @@ def subset_table(results: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def information_table(results: dict[str, Any]) -> list[dict[str, Any]]:
-    """Mutual information: one row a candidate, in bits; ``strong`` marks the best of each dof."""
+    """Mutual information: one row a candidate, in bits.
+
+    In each of its ``cells``, ``best`` marks the most for that dof, ``chance`` what is not
+    significant; ``corrected`` is the same less its bias, None of a run that did not ask.
+    """
     rows = results["mi"]
     best = {dof: max(row[dof] for row in rows.values()) for dof in DOFS}
+    significant, corrected = results.get("mi_significant"), results.get("mi_corrected")
     return [
         {
-            **_feature(name),
-            "cells": [{"bits": row[dof], "best": row[dof] == best[dof]} for dof in DOFS],
+            **describe_feature(name),
+            "cells": [
+                {
+                    "bits": row[dof],
+                    "best": row[dof] == best[dof],
+                    "chance": significant is not None and not significant[name][dof],
+                    "corrected": None if corrected is None else corrected[name][dof],
+                }
+                for dof in DOFS
+            ],
         }
         for name, row in rows.items()
     ]
@@ -128,13 +141,14 @@ def _ranking_cell(ours: list[str], theirs: list[str], step: int) -> dict[str, An
     name = ours[step] if step < len(ours) else None
     published = theirs[step] if step < len(theirs) else None
     return {
-        "ours": None if name is None else {**_feature(name), "shared": name in theirs},
+        "ours": None if name is None else {**describe_feature(name), "shared": name in theirs},
         "published": None
         if published is None
-        else {**_feature(published), "shared": published in ours},
+        else {**describe_feature(published), "shared": published in ours},
     }
 
 
-def _feature(name: str) -> dict[str, str]:
+def describe_feature(name: str) -> dict[str, str]:
+    """The name of a feature, its family, and the mark of that."""
     family = feature_family(name)
     return {"name": name, "family": family, "mark": FAMILY_MARKS[family]}

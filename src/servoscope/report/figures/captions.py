@@ -121,6 +121,21 @@ CAPTIONS = {
         "Six scatter plots of candidates with contours around the ideal point at the top left.",
         10,
     ),
+    "redundancy": Caption(
+        "How much of the redundancy is bias",
+        "Sum of the information of the feature that the ideal-point rule selects at each step "
+        "about those selected before it, and the part of it (dashed, shaded) that so many cells of "
+        "histograms would show of so few images by chance (Miller-Madow).",
+        "Six charts of redundancy against step, which grows nearly in proportion, with the bias "
+        "below it.",
+    ),
+    "criteria": Caption(
+        "Criteria side by side",
+        "RMS test error of nets against the number of features that each criterion selected; the "
+        "level line is the error with all candidates. Same images, same nets for every criterion.",
+        "Charts of error against number of features, one for each degree of freedom, with a line "
+        "for each criterion.",
+    ),
     "sweep": Caption(
         "RMS error against the threshold of mutual information",
         "The number at each marker counts the ranked features whose information is above the "

@@ -11,7 +11,15 @@ from matplotlib.figure import Figure
 from servoscope.features.moments import PAPER_SLICES
 from servoscope.poses import DOFS
 from servoscope.report.agreement import stands_in_for_paper
-from servoscope.report.figures import assessment, overview, pictures, selection, sweep
+from servoscope.report.figures import (
+    assessment,
+    criteria,
+    overview,
+    pictures,
+    redundancy,
+    selection,
+    sweep,
+)
 from servoscope.report.figures.captions import CAPTIONS
 from servoscope.report.figures.rendering import FigureOrder
 from servoscope.report.run_data import RunData, Unit
@@ -50,6 +58,9 @@ def _of_study(run: RunData) -> list[FigureOrder]:
         FigureOrder("errors", CAPTIONS["errors"], errors),
         FigureOrder("overview", CAPTIONS["overview"], summary),
     ]
+    if compared := run.summary.get("criteria"):
+        draw_criteria = partial(criteria.draw_criteria, compared)
+        orders.append(FigureOrder("criteria", CAPTIONS["criteria"], draw_criteria))
     protocols: set[str] = set()
     for unit in run.units:
         if unit.protocol not in protocols:
@@ -76,6 +87,9 @@ def _of_unit(run: RunData, unit: Unit) -> list[FigureOrder]:
             decided_on_test=unit.protocol == "paper",
         ),
     }
+    if "redundancy_bias" in unit.results:
+        by_dof = unit.results["redundancy_bias"]
+        draw["redundancy"] = partial(redundancy.draw_redundancies, by_dof)
     return [
         FigureOrder(f"{unit.key}_{kind}", CAPTIONS[kind], drawing) for kind, drawing in draw.items()
     ]
