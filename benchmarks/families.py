@@ -145,13 +145,18 @@ def _disturbed(errors: Errors) -> Findings:
 
 def _worst(errors: Errors) -> Findings:
     """What grows most under gain and under covering."""
-    names = ("gain", "covering")
     rows = [
-        (name, *(_worst_dofs(of_seeds, condition) for condition in names))
+        (
+            name,
+            _worst_dofs(of_seeds, "gain"),
+            _worst_dofs(of_seeds, "covering"),
+            _worst_dofs(errors[name, "nets"], "covering"),
+        )
         for name, of_seeds in _of(errors, "gaussian_process").items()
     ]
+    header = ("family", "gain", "covering", "covering, nets")
     job = "Error in units of that in clean images, of the dof where it grows most, by seed"
-    return Findings("What a disturbance does to the worst dof", job, ("family", *names), rows)
+    return Findings("What a disturbance does to the worst dof", job, header, rows)
 
 
 def _worst_dofs(of_seeds: np.ndarray, condition: str) -> str:
