@@ -84,7 +84,10 @@ def chance(information):
             name: {dof: name == table2(dof)[0] for dof in DOFS} for name in CANDIDATES
         },
         "redundancy_bias": {
-            dof: [{"redundancy": 0.1 * i, "bias": 0.06 * i} for i in range(24)] for dof in DOFS
+            dof: [
+                {"redundancy": 0.1 * i, "bias": 0.06 * i, "unrelated": 0.08 * i} for i in range(24)
+            ]
+            for dof in DOFS
         },
         "table2_corrected": {dof: [*table2(dof)[:3], *CANDIDATES[-21:]] for dof in DOFS},
     }

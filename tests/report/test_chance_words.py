@@ -38,10 +38,11 @@ def test_every_value_has_its_corrected_one(results):
 
 def test_sentence_tells_the_mean_of_the_dofs_at_steps_8_and_24(results):
     for step in (7, 23):
-        results["redundancy_bias"]["tx"][step] = {"redundancy": 3.1, "bias": 0.3}
+        chance = {"redundancy": 3.1, "bias": 0.3, "unrelated": 2.0}
+        results["redundancy_bias"]["tx"][step] = chance
     sentence = describe_chance(results)["sentence"]
     assert "step 8 the selected feature shares 1.10 bits" in sentence
-    assert "of which 0.40 are bias (36 %)" in sentence
+    assert "of which 0.40 are bias (36 %); unrelated features would show 0.80." in sentence
     assert "step 24 the selected feature shares 2.43 bits" in sentence
     assert "7 × 0.058 = 0.41" in sentence
 
@@ -73,7 +74,7 @@ def test_page_marks_chance_without_colour(make_run):
     page = write_report(make_run(protocols=("honest",)), n_jobs=1).read_text()
     marked = re.findall(r'<span class="chance">\((\d\.\d{3})\)</span>', page)
     assert len(marked) == 2 * 384
-    assert page.count("the 384 of 390 values that are no more than chance") == 2
+    assert page.count("the 384 of 390 values that cannot be told from chance") == 2
 
 
 def test_report_of_an_older_run_leaves_these_parts_out(make_run):
@@ -99,11 +100,14 @@ def test_run_that_holds_only_a_part_of_it_is_damaged(run_folder, summary, key):
 
 
 def test_redundancy_and_bias_are_told_apart_without_colour():
-    ax = plot_redundancy([{"redundancy": 0.1 * i, "bias": 0.05 * i} for i in range(4)], dof="tx")
-    redundancy, bias = ax.lines
+    parts = {"redundancy": 0.1, "bias": 0.05, "unrelated": 0.08}
+    steps = [{part: slope * i for part, slope in parts.items()} for i in range(4)]
+    ax = plot_redundancy(steps, dof="tx")
+    redundancy, bias, unrelated = ax.lines
     assert redundancy.get_ydata() == pytest.approx([0.0, 0.1, 0.2, 0.3])
     assert bias.get_ydata() == pytest.approx([0.0, 0.05, 0.1, 0.15])
-    assert redundancy.get_linestyle() != bias.get_linestyle()
+    assert unrelated.get_ydata() == pytest.approx([0.0, 0.08, 0.16, 0.24])
+    assert len({line.get_linestyle() for line in ax.lines}) == 3
     assert ax.get_ylabel() == "[bits]"
 
 

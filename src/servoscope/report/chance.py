@@ -13,6 +13,9 @@ from servoscope.report.tables import describe_feature
 STEPS = (8, 24)
 """The steps of the ranking that the table tells of; the paper tells of the first."""
 
+PARTS = ("redundancy", "bias", "unrelated")
+"""What is told of each step, [bits]."""
+
 NULLS = {
     "chi_square": "the chi-square distribution",
     "shifts": "shifts of the sequence, since its images resemble their neighbours",
@@ -62,7 +65,9 @@ def _row(results: dict[str, Any], dof: str, steps: list[int]) -> dict[str, Any]:
     same = [ours == theirs for ours, theirs in zip(published, corrected, strict=True)]
     return {
         "dof": DOF_LABELS[dof],
-        "cells": [results["redundancy_bias"][dof][step - 1] for step in steps],
+        "cells": [
+            results["redundancy_bias"][dof][step - 1][part] for step in steps for part in PARTS
+        ],
         "same_steps": same.index(False) if False in same else len(same),
         "n_shared": len(set(published) & set(corrected)),
         "n_ranked": len(published),
@@ -72,11 +77,12 @@ def _row(results: dict[str, Any], dof: str, steps: list[int]) -> dict[str, Any]:
 
 def _at_step(results: dict[str, Any], dofs: list[str], step: int) -> str:
     at_step = [results["redundancy_bias"][dof][step - 1] for dof in dofs]
-    redundancy, bias = (
-        float(np.mean([of_dof[part] for of_dof in at_step])) for part in ("redundancy", "bias")
+    redundancy, bias, unrelated = (
+        float(np.mean([of_dof[part] for of_dof in at_step])) for part in PARTS
     )
     share = f" ({100 * bias / redundancy:.0f} %)" if redundancy > 0 else ""
     return (
         f"At step {step} the selected feature shares {redundancy:.2f} bits with those before it, "
-        f"on the average of the degrees of freedom, of which {bias:.2f} are bias{share}."
+        f"on the average of the degrees of freedom, of which {bias:.2f} are bias{share}; unrelated "
+        f"features would show {unrelated:.2f}."
     )

@@ -53,8 +53,10 @@ def measure_chance(
         Plain values: ``mi_corrected[feature][dof]`` in bits, by ``mi_correction``;
         ``mi_significant[feature][dof]``, at most 5 % of the findings among all features and dofs
         being wrong, by the null distribution ``mi_null``; ``redundancy_bias[dof]``, for every
-        step of the ranking its ``redundancy`` and how much of that is ``bias``; and
-        ``table2_corrected[dof]``, names in the order of the corrected ideal-point rule.
+        step of the ranking its ``redundancy``, how much of that is ``bias`` by the same
+        correction, which is too little where there are few images, and what as many ``unrelated``
+        features would show; and ``table2_corrected[dof]``, names in the order of the corrected
+        ideal-point rule.
     """
     X, Y = table.values[np.ix_(samples, table.candidates)], targets[samples]
     null = "shifts" if in_sequence else "chi_square"
@@ -84,9 +86,15 @@ def _redundancy(
     X: NDArray[np.float64], assessment: Assessment, dof: str, n_bins: int
 ) -> list[dict[str, float]]:
     ranking = assessment.rankings[dof]
-    bias = redundancy_bias(X, ranking, n_bins, CORRECTION)
-    steps = zip(ranking.redundancy.tolist(), bias.tolist(), strict=True)
-    return [{"redundancy": redundancy, "bias": of_chance} for redundancy, of_chance in steps]
+    steps = {
+        "redundancy": ranking.redundancy,
+        "bias": redundancy_bias(X, ranking, n_bins, CORRECTION),
+        "unrelated": redundancy_bias(X, ranking, n_bins, "permutation"),
+    }
+    return [
+        dict(zip(steps, values, strict=True))
+        for values in np.column_stack(list(steps.values())).tolist()
+    ]
 
 
 def _corrected_order(

@@ -124,10 +124,11 @@ CAPTIONS = {
     "redundancy": Caption(
         "How much of the redundancy is bias",
         "Sum of the information of the feature that the ideal-point rule selects at each step "
-        "about those selected before it, and the part of it (dashed, shaded) that so many cells of "
-        "histograms would show of so few images by chance (Miller-Madow).",
-        "Six charts of redundancy against step, which grows nearly in proportion, with the bias "
-        "below it.",
+        "about those selected before it. Dashed, shaded: the bias in it by the number of occupied "
+        "cells (Miller-Madow), which is too little where there are few images. Dotted: what as "
+        "many unrelated features would show by chance.",
+        "Six charts of redundancy against step, which grows nearly in proportion, and two curves "
+        "of bias that grow with it.",
     ),
     "criteria": Caption(
         "Criteria side by side",

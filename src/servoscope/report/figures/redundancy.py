@@ -16,20 +16,23 @@ CHARTS = Layout(3, 2.7, 1.5, gap_x=0.6, gap_y=0.62, left=0.5, right=0.08, bottom
 
 
 def plot_redundancy(steps: Steps, *, dof: str, ax: Axes | None = None) -> Axes:
-    """Redundancy of the feature selected at each step, and the part of it that is bias.
+    """Redundancy of the feature selected at each step, its bias, and that of unrelated features.
 
     Parameters
     ----------
     steps : list of dict
-        ``redundancy`` and ``bias`` of each step, [bits].
+        ``redundancy``, ``bias`` and ``unrelated`` of each step, [bits].
     dof : str
     """
     ax = new_axes() if ax is None else ax
     number = np.arange(1, len(steps) + 1)
-    redundancy, bias = ([step[part] for step in steps] for part in ("redundancy", "bias"))
+    redundancy, bias, unrelated = (
+        [step[part] for step in steps] for part in ("redundancy", "bias", "unrelated")
+    )
     ax.plot(number, redundancy, "o-", color=INK, markersize=2.6, linewidth=1, label="redundancy")
     ax.fill_between(number, bias, color=MUTED, alpha=0.25, linewidth=0)
     ax.plot(number, bias, "--", color=MUTED, linewidth=1, label="bias")
+    ax.plot(number, unrelated, ":", color=INK, linewidth=1, label="unrelated features")
     ax.set(xlim=(1, max(len(steps), 2)), ylim=(0, None))
     return dress(ax, title=DOF_LABELS[dof], xlabel="step", ylabel="[bits]")
 
