@@ -49,7 +49,9 @@ def as_json(
     return {
         "dofs": dofs,
         "warnings": list(_warnings(found)),
-        "conclusion": conclude({dof: row["told"] for dof, row in dofs.items()}),
+        "conclusion": conclude(
+            {dof: row["share_left"] for dof, row in dofs.items() if dof in found.choice}
+        ),
         "images": _images(found),
         "families": {name: _family(found, name, scale) for name in found.candidates},
         "regressors": _regressors(found, scale),
@@ -103,7 +105,8 @@ def _decide(
     i, name = DOFS.index(dof), found.choice[dof]
     forecast, model, curve = found.forecasts[dof], found.trained[name][dof], found.curves[dof]
     rms, baseline = float(forecast.rms[0]), float(forecast.baseline[0])
-    told = grade(rms, baseline)
+    left = _share_left(found, rms, model.rms, baseline)
+    told = grade(left)
     images = {times: rms * _falls_to(curve, times) for times in TIMES}
     budget = share_out(
         rms,
@@ -126,6 +129,7 @@ def _decide(
         if found.images.change
         else ["nothing can be learned: every image is the same; check camera and exposure"],
         "told": told,
+        "share_left": left,
         "wanted": wished,
         "family": title_of(name),
         "baseline_rms": baseline * scale,
@@ -181,6 +185,14 @@ def _find(
 
 def _scaled(value: float | None, scale: float) -> float | None:
     return None if value is None else value * scale
+
+
+def _share_left(found: Assessment, forecast: float, reached: float, baseline: float) -> float:
+    """Error, over all images, as a share of that of always answering the mean."""
+    n_test = len(found.split.test)
+    n_learned = len(found.split.train) + len(found.split.validation)
+    squares = n_learned * forecast**2 + n_test * reached**2
+    return float(np.sqrt(squares / (n_learned + n_test))) / baseline if baseline > 0 else 1.0
 
 
 def _falls_to(curve: LearningCurve, times: int) -> float:

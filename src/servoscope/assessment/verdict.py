@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from servoscope.assessment.budget import ErrorBudget
 from servoscope.assessment.repetition import Repetition
 from servoscope.poses import DOFS
@@ -32,22 +34,19 @@ STILL, CONSTANT, UNTOLD, REPEATING = (
 """Limits that no budget tells."""
 
 
-def grade(rms: float, baseline: float) -> str:
+def grade(share: float) -> str:
     """How well a dof is told, one of `GRADES`.
 
     Parameters
     ----------
-    rms : float
-        RMS error.
-    baseline : float
-        That of always answering the mean.
+    share : float
+        RMS error over that of always answering the mean.
 
     Examples
     --------
-    >>> grade(0.1, 1.0), grade(0.95, 1.0)
+    >>> grade(0.1), grade(0.95)
     ('well', 'not')
     """
-    share = rms / baseline if baseline > 0 else 1.0
     for name, limit in zip(GRADES, (WELL, ROUGHLY, HARDLY), strict=False):
         if share <= limit:
             return name
@@ -72,40 +71,58 @@ def name_limit(told: str, budget: ErrorBudget, repetition: Repetition) -> str:
     return LIMITS[budget.largest]
 
 
-def conclude(told: Mapping[str, str]) -> str:
-    """One sentence on all dofs.
+def conclude(shares: Mapping[str, float]) -> str:
+    """One sentence on all dofs that move.
 
     Parameters
     ----------
-    told : dict
-        The grade of every dof, or ``"still"`` for one that never moves.
+    shares : dict
+        RMS error of each over that of always answering the mean. Translations or rotations as a
+        kind are judged by the geometric mean of theirs.
 
     Examples
     --------
-    >>> conclude(dict(tx="hardly", ty="not", tz="hardly", rx="well", ry="well", rz="roughly"))
-    'Rotations are told, translations are not: tx and tz hardly, ty not at all.'
-    >>> conclude(dict.fromkeys(("tx", "ty", "tz", "rx", "ry", "rz"), "not"))
+    >>> conclude(dict(tx=0.7, ty=0.95, tz=0.8, rx=0.1, ry=0.4, rz=0.5))
+    'Rotations are told, translations are not (27 % and 81 % of the error of the mean are left): \
+tx and tz hardly, ty not at all.'
+    >>> conclude(dict.fromkeys(("tx", "ty", "tz", "rx", "ry", "rz"), 1.0))
     'Nothing can be learned from these images.'
     """
-    moving = {dof: told[dof] for dof in DOFS if told[dof] != "still"}
-    poor = {dof: grade for dof, grade in moving.items() if grade in ("hardly", "not")}
-    if not moving:
+    told = {dof: grade(share) for dof, share in shares.items()}
+    poor = {dof: name for dof, name in told.items() if name in ("hardly", "not")}
+    if not told:
         return "Nothing can be learned from these images: nothing moves."
-    if all(grade == "not" for grade in moving.values()):
+    if all(name == "not" for name in told.values()):
         return "Nothing can be learned from these images."
     if not poor:
-        which = "" if len(moving) == len(DOFS) else " that moves"
-        roughly = [dof for dof, grade in moving.items() if grade == "roughly"]
+        which = "" if len(told) == len(DOFS) else " that moves"
+        roughly = [dof for dof, name in told.items() if name == "roughly"]
         return f"Every degree of freedom{which} is told{_except(roughly)}."
-    kinds = {"t": "translations", "r": "rotations"}
-    for kind, name in kinds.items():
-        of_kind = [dof for dof in moving if dof[0] == kind]
-        if of_kind and set(of_kind) == set(poor) and len(moving) > len(poor):
-            other = kinds["r" if kind == "t" else "t"]
-            return f"{other.capitalize()} are told, {name} are not: {_poor(poor)}."
-    good = [dof for dof in moving if dof not in poor]
-    told_ones = f"{listing(good)} {'is' if len(good) == 1 else 'are'} told; " if good else ""
-    return f"{told_ones}{_poor(poor)}."
+    kinds = _kinds(shares)
+    if len(kinds) == 2 and min(kinds.values()) <= ROUGHLY < max(kinds.values()):
+        good, bad = sorted(kinds, key=lambda kind: kinds[kind])
+        left = f"{100 * kinds[good]:.0f} % and {100 * kinds[bad]:.0f} %"
+        return (
+            f"{good.capitalize()} are told, {bad} are not ({left} of the error of the mean are "
+            f"left): {_poor(poor)}."
+        )
+    good_ones = [dof for dof in told if dof not in poor]
+    verb = "is" if len(good_ones) == 1 else "are"
+    return f"{listing(good_ones)} {verb} told; {_poor(poor)}." if good_ones else f"{_poor(poor)}."
+
+
+def _kinds(shares: Mapping[str, float]) -> dict[str, float]:
+    """Geometric mean of the shares of translations and of rotations, where they move."""
+    kinds = {"translations": "t", "rotations": "r"}
+    of_kind = {
+        kind: [share for dof, share in shares.items() if dof[0] == letter]
+        for kind, letter in kinds.items()
+    }
+    return {
+        kind: float(np.exp(np.mean(np.log(np.maximum(values, 1e-12)))))
+        for kind, values in of_kind.items()
+        if values
+    }
 
 
 def _except(roughly: list[str]) -> str:
