@@ -75,6 +75,55 @@ def test_a_shuffled_sequence_is_not_taken_for_independent():
     assert find_groups(data_at(wandering(900)[order])).kind == "revisited"
 
 
+def test_encoder_noise_of_dofs_that_stand_still_does_not_hide_a_sequence():
+    delta_p = 1e-6 * np.random.default_rng(5).normal(size=(300, 6))
+    delta_p[:, 0] += wandering()[:, 0]
+    assert find_groups(data_at(delta_p)).kind == "sequence"
+    shuffled = np.random.default_rng(6).permutation(delta_p)
+    assert find_groups(data_at(shuffled)).kind == "independent"  # along a line all of it is covered
+
+
+def test_stops_along_one_axis_are_places_that_were_visited_again():
+    stops = np.zeros((300, 6))
+    stops[:, 0] = np.random.default_rng(7).integers(0, 12, 300) * 2e-3
+    stops[:, 0] += 1e-6 * np.random.default_rng(8).normal(size=300)
+    found = find_groups(data_at(stops))
+    assert found.kind == "revisited"
+    assert len(np.unique(found.groups)) == 12
+    evenly = np.zeros((300, 6))
+    evenly[:, 0] = np.random.default_rng(9).permutation(np.linspace(-1, 1, 300)) * RANGES[0]
+    assert find_groups(data_at(evenly)).kind == "independent"
+
+
+@pytest.mark.parametrize("jitter", [0.0, 1e-3])
+def test_no_place_is_cut_in_two_where_there_are_few(jitter):
+    place = np.random.default_rng(10).integers(0, 12, 240)
+    delta_p = at_random(12)[place]
+    delta_p += jitter * RANGES * np.random.default_rng(11).normal(size=delta_p.shape)
+    found = find_groups(data_at(delta_p))
+    assert found.kind == "revisited"
+    assert len(np.unique(found.groups)) == 12
+    assert all(len(np.unique(found.groups[place == i])) == 1 for i in range(12))
+
+
+def test_images_from_one_pose_among_independent_ones_stay_together():
+    delta_p = at_random(200)
+    delta_p[40:100] = delta_p[40]
+    data = data_at(delta_p)
+    found = find_groups(data)
+    assert found.kind == "independent"
+    assert len(np.unique(found.groups[40:100])) == 1
+    assert len(np.unique(found.groups)) == 141
+    split = split_groups(data, found, seed=0)
+    assert sum(bool(np.isin(np.arange(40, 100), part).any()) for part in vars(split).values()) == 1
+
+
+def test_too_few_places_are_refused():
+    data = data_at(at_random(5)[np.random.default_rng(12).integers(0, 5, 100)])
+    with pytest.raises(InvalidInputError, match=r"at least 8 places.* these 100 are from 5"):
+        split_groups(data, find_groups(data), seed=0)
+
+
 def test_dofs_that_move_together_are_no_sign_of_dependence():
     delta_p = at_random()
     delta_p[:, 4] = delta_p[:, 0] / RANGES[0] * RANGES[4]

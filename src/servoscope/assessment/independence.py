@@ -24,6 +24,12 @@ LEAST_IMAGES = 60
 
 LEAST_LEARNED = 40
 
+LEAST_PLACES = 8
+"""Of fewer places there is none to test on that is not learned from."""
+
+_HARDLY_MOVES = 1e-3
+"""Motion of so small a share of the largest is that of encoders, not of the camera."""
+
 Indices = NDArray[np.intp]
 
 
@@ -35,7 +41,8 @@ class Independence:
     ----------
     kind : {"independent", "sequence", "revisited"}
     groups : ndarray of shape (n_images,)
-        Images of one group must not be both learned from and tested on.
+        Images of one group must not be both learned from and tested on. Even where most images
+        are independent, those from the very same pose make one group.
     ratio : float
         What was measured: 1 for independent images, near 0 for dependent ones.
     """
@@ -59,9 +66,9 @@ def find_groups(data: PoseImageSet) -> Independence:
     A sequence is told by the ratio of the mean squared step from one image to the next to that
     of two images drawn at random (von Neumann): 1 for independent poses. Images in no order, but
     taken at few places or of a sequence that was shuffled, are told by the distance of each pose
-    to its nearest neighbour, over the same after every coordinate was permuted by itself.
-    Coordinates are those of the displacements along their principal axes, in units of their
-    spread.
+    to its nearest neighbour, over the same after every coordinate was permuted by itself, or was
+    drawn evenly where there is but one. Coordinates are those of the displacements along their
+    principal axes, in units of their spread; what hardly moves does not count.
     """
     poses = _whitened(data)
     times = np.arange(len(data)) if data.times is None else data.times
@@ -74,11 +81,11 @@ def find_groups(data: PoseImageSet) -> Independence:
         for group, images in enumerate(np.array_split(order, n_groups)):
             groups[images] = group
         return Independence("sequence", groups, step_ratio)
-    neighbour_ratio = _neighbour_ratio(poses)
-    if neighbour_ratio < NEIGHBOUR_RATIO:
-        clusters = KMeans(n_groups, n_init=1, random_state=0).fit_predict(poses)
-        return Independence("revisited", clusters.astype(np.intp), neighbour_ratio)
-    return Independence("independent", np.arange(len(data)), step_ratio)
+    nearest, expected = _nearest_neighbours(poses)
+    if nearest < NEIGHBOUR_RATIO * expected:
+        clusters = _cluster(poses, n_groups, NEIGHBOUR_RATIO * expected)
+        return Independence("revisited", clusters, nearest / expected)
+    return Independence("independent", _same_poses(data), step_ratio)
 
 
 def split_groups(data: PoseImageSet, independence: Independence, seed: int) -> Split:
@@ -102,12 +109,17 @@ def split_groups(data: PoseImageSet, independence: Independence, seed: int) -> S
 
 
 def _split(data: PoseImageSet, independence: Independence, seed: int) -> Split:
-    if independence.kind == "independent":
-        return split_images(len(data), "honest", seed)
     if independence.kind == "sequence":
         times = np.arange(len(data)) if data.times is None else data.times
         return split_images(len(data), "honest", seed, times)
     names = np.unique(independence.groups)
+    if len(names) == len(data):
+        return split_images(len(data), "honest", seed)
+    if len(names) < LEAST_PLACES:
+        raise InvalidInputError(
+            f"An assessment needs images from at least {LEAST_PLACES} places, to learn from some "
+            f"and test on others; these {len(data)} are from {len(names)}. Take them at more poses."
+        )
     of_names = split_images(len(names), "honest", seed)
     parts = (of_names.train, of_names.validation, of_names.test)
     return Split(*(np.flatnonzero(np.isin(independence.groups, names[part])) for part in parts))
@@ -124,25 +136,60 @@ def check_enough_images(data: PoseImageSet) -> None:
 
 def _whitened(data: PoseImageSet) -> NDArray[np.float64]:
     """Displacements along their principal axes, each in units of its own spread."""
-    moved = data.moves()
-    poses = (data.delta_p() / data.ranges())[:, moved]
+    poses = _in_metres(data)
+    spreads = poses.std(axis=0)
+    moved = data.moves() & (spreads > _HARDLY_MOVES * spreads.max())
     if not moved.any():
-        return poses
-    poses = (poses - poses.mean(axis=0)) / poses.std(axis=0)
+        return poses[:, :0]
+    poses = (poses - poses.mean(axis=0))[:, moved] / spreads[moved]
     axes, spreads, _ = np.linalg.svd(poses, full_matrices=False)
     kept = spreads > 0.05 * spreads[0]
     return np.asarray(axes[:, kept] * np.sqrt(len(poses)))
 
 
-def _neighbour_ratio(poses: NDArray[np.float64]) -> float:
-    """Distance to the nearest neighbour over that of poses with their coordinates permuted."""
-    if poses.shape[1] < 2:
-        return 1.0
+def _in_metres(data: PoseImageSet) -> NDArray[np.float64]:
+    """Displacements, rotations by how far they carry the camera about the pivot."""
+    return data.delta_p() * np.repeat([1.0, data.pivot or 1.0], 3)
+
+
+def _same_poses(data: PoseImageSet) -> Indices:
+    """One group for each pose, up to a nanometre; of a set that never moves one for each image."""
+    if not data.moves().any():
+        return np.arange(len(data))
+    _, groups = np.unique(_in_metres(data).round(9), axis=0, return_inverse=True)
+    return groups.astype(np.intp)
+
+
+def _nearest_neighbours(poses: NDArray[np.float64]) -> tuple[float, float]:
+    """Distance to the nearest neighbour, and that of independent poses that spread as these do."""
+    n_poses, n_axes = poses.shape
+    if not n_axes:
+        return 1.0, 1.0
     rng = np.random.default_rng(0)
-    shuffled = np.column_stack([rng.permutation(column) for column in poses.T])
-    return _nearest(poses) / max(_nearest(shuffled), 1e-12)
+    if n_axes == 1:
+        drawn = rng.uniform(poses.min(), poses.max(), (n_poses, 1))
+    else:
+        drawn = np.column_stack([rng.permutation(column) for column in poses.T])
+    return _nearest(poses), max(_nearest(drawn), 1e-6)
 
 
 def _nearest(poses: NDArray[np.float64]) -> float:
     distances, _ = KDTree(poses).query(poses, k=2)
     return float(np.median(distances[:, 1]))
+
+
+def _cluster(poses: NDArray[np.float64], most: int, apart: float) -> Indices:
+    """Groups of poses near each other: one for each place if there are few places, else `most`."""
+    places = _places(poses, most, apart)
+    start = poses[places] if len(places) <= most else "k-means++"
+    clusters = KMeans(min(len(places), most), init=start, n_init=1, random_state=0)
+    return np.asarray(clusters.fit_predict(poses), dtype=np.intp)
+
+
+def _places(poses: NDArray[np.float64], most: int, apart: float) -> list[int]:
+    """Poses that are further than that from each other, and near to all others; some of many."""
+    left, places = np.arange(len(poses)), list[int]()
+    while left.size and len(places) <= most:
+        places.append(int(left[0]))
+        left = left[np.linalg.norm(poses[left] - poses[left[0]], axis=1) > apart]
+    return places
