@@ -8,7 +8,7 @@ from planar import planar_data_set
 from servoscope.files import to_json
 from servoscope.poses import DOFS
 from servoscope.selection import CRITERIA, MutualInfoSelector
-from servoscope.study import Study, StudyConfig, criteria, open_run_folder
+from servoscope.study import Study, StudyConfig, criteria, forecasts, open_run_folder
 from servoscope.study.criteria import SIZES, UNIT, compare_criteria
 from servoscope.study.networks import train_nets
 
@@ -99,3 +99,21 @@ def test_forecasts_stand_beside_what_the_study_reached(study, compared):
     assert pairs["pca", "rz"]["reached"] == results["table1"]["pca"]["rz"]["rms"]
     assert pairs["selected", "tx"]["reached"] == results["table3"]["tx"]["rms"]
     assert all(0 < pair["forecast"] < 1 for pair in pairs.values())
+
+
+@pytest.mark.parametrize(("split", "in_blocks"), [("random", False), ("blocks", True)])
+def test_forecasts_leave_out_blocks_of_a_sequence(tmp_path, monkeypatch, split, in_blocks):
+    left_out = []
+
+    def forecast(X, y, groups):
+        left_out.append(groups)
+        return 0.1
+
+    monkeypatch.setattr(forecasts, "_forecast", forecast)
+    study = finished(planar_data_set(split=split), tmp_path / "run")
+    forecasts.compare_forecasts(study, UNIT)
+    assert all((groups is not None) == in_blocks for groups in left_out)
+    if in_blocks:
+        train = study.split("honest").train
+        assert len(left_out[0]) == len(train)
+        np.testing.assert_array_equal(np.argsort(left_out[0], kind="stable"), np.arange(len(train)))

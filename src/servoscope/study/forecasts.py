@@ -56,7 +56,7 @@ def compare_forecasts(study: Study, unit: Unit) -> list[dict[str, Any]]:
         (table.values[np.ix_(train, inputs)], targets[:, DOFS.index(dof)], groups)
         for (_, dof), (inputs, _) in taken.items()
     ]
-    with study.progress("forecasts", len(calls)) as advance:
+    with study.progress("forecasts of the families", len(calls)) as advance:
         found = []
         for key, rms in zip(taken, in_processes(_forecast, calls, study.n_jobs), strict=True):
             features, dof = key
