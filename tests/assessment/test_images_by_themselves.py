@@ -52,9 +52,23 @@ def test_scenery_without_a_pattern_does_not_repeat(sigma, seed):
     assert not find_repetition(scenery(sigma, seed=seed).astype(np.uint8)).repeats
 
 
+def test_a_likeness_that_goes_on_where_the_shifts_end_is_no_repetition():
+    assert not find_repetition(planar_data_set(2, 24).reference_image).repeats
+
+
 @pytest.mark.parametrize("shape", [(1, 1), (2, 50), (64, 64)])
 def test_flat_images_do_not_repeat(shape):
     assert not find_repetition(np.full(shape, 77, np.uint8)).repeats
+
+
+def test_noise_is_looked_for_in_few_images(monkeypatch):
+    looked_at = []
+    monkeypatch.setattr(
+        "servoscope.assessment.image_facts.estimate_pixel_noise",
+        lambda image: looked_at.append(image) or 1.0,
+    )
+    describe_images(planar_data_set(59, 16))
+    assert 20 <= len(looked_at) <= 30
 
 
 def test_copies_are_counted_and_no_change_is_seen():

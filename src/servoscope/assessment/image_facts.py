@@ -39,7 +39,7 @@ class ImageFacts:
 def describe_images(data: PoseImageSet) -> ImageFacts:
     """Look at the images of a data set; for the noise at up to 30 of them."""
     distinct = {hashlib.sha256(np.ascontiguousarray(image).data).digest() for image in data.images}
-    some = data.images[:: max(len(data) // _LOOKED_AT, 1)]
+    some = data.images[:: -(-len(data) // _LOOKED_AT)]
     return ImageFacts(
         change=len(distinct) > 1,
         n_copies=len(data) - len(distinct),

@@ -52,7 +52,8 @@ def find_repetition(image: NDArray[np.uint8]) -> Repetition:
     that of what the two views have in common, normalised by what each of them has there, so that
     a pattern that leaves the view at its edges still counts in full. A peak is where the
     correlation is higher than everywhere around it and has been under a third of it in between:
-    the slope of the main peak is none. Shifts go up to 45 % of each side.
+    the slope of the main peak is none, nor is one that goes on where the shifts end, at 45 % of
+    each side.
 
     Examples
     --------
@@ -96,7 +97,9 @@ def _second_peak(correlation: NDArray[np.float64]) -> tuple[tuple[int, int], flo
     """
     centre = np.array(correlation.shape) // 2
     ring = cv2.dilate(correlation, np.ones((5, 5)))
-    peaks = np.argwhere((correlation == ring) & (correlation > 0))
+    is_peak = (correlation == ring) & (correlation > 0)
+    is_peak[[0, -1]] = is_peak[:, [0, -1]] = False  # what lies beyond may be higher
+    peaks = np.argwhere(is_peak)
     heights = correlation[tuple(peaks.T)]
     for peak, height in sorted(zip(peaks.tolist(), heights.tolist(), strict=True), key=_height):
         if peak == centre.tolist():
