@@ -10,6 +10,7 @@ from servoscope.assessment import as_json, assess
 from servoscope.dataset import PoseImageSet
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DOFS, poses_from_displacements
+from servoscope.splits import split_images
 
 
 def decide(data, wishes=None, n_jobs=1, families=("moments", "log_polar", "pose_covariance")):
@@ -87,6 +88,39 @@ def test_what_never_moves_has_no_forecast(plane):
     for row in found["dofs"].values():
         assert (row["forecast_rms"], row["limited_by"]) == (None, "never moves")
     assert found["dofs"]["tx"]["wanted"] == 1.0
+
+
+@pytest.mark.parametrize("where", ["train", "test"])
+def test_what_moves_in_a_single_image_breaks_nothing(where):
+    delta_p = np.random.default_rng(0).uniform(-1, 1, (64, 6)) * RANGES
+    delta_p[:, 2:] = 0
+    delta_p[getattr(split_images(64), where)[0], 5] = 0.1
+    images = planar_images(np.vstack([delta_p, np.zeros(6)]), 16, 0)
+    data = PoseImageSet(
+        images[:-1], poses_from_displacements(np.eye(4), delta_p, PIVOT), np.eye(4), images[-1]
+    )
+    row = decide(data, families=["moments"])["dofs"]["rz"]
+    assert (row["told"] == "still") == (where == "test")
+
+
+@pytest.fixture(scope="module")
+def found(plane):
+    """Features that are fitted to images, whose learning curve starts from another error."""
+    return assess(plane, n_jobs=1, families=["pose_covariance"])
+
+
+def test_a_wish_that_twice_the_images_fulfil_takes_as_many_more(found):
+    (n, twice, _, _) = as_json(found, {}, {})["dofs"]["rz"]["learning_curve"]["rms"]
+    assert twice < 0.95 * n
+    advice = as_json(found, {"rz": 1.0001 * twice}, {})["dofs"]["rz"]["advice"]
+    (more,) = [line for line in advice if "more images bring" in line]
+    assert int(more.split()[1]) == pytest.approx(120, rel=0.05)
+
+
+def test_images_of_which_no_family_can_be_had_are_refused_in_one_line(plane):
+    one = replace(plane, images=plane.images[:, :1, :1], reference_image=plane.images[0, :1, :1])
+    with pytest.raises(InvalidInputError, match=r"None of the families .* 120 images of 1 x 1 px"):
+        assess(one, n_jobs=1, families=["eigenfeatures"])
 
 
 def stripes(delta_p, size):

@@ -89,6 +89,7 @@ FOUND = Findings(
     wished=None,
     n_images=750,
     told="well",
+    share_left=0.1,
     family="cosine coefficients",
     others={},
     at_twice=1.0,
@@ -124,7 +125,7 @@ def test_nothing_is_said_where_nothing_would_help():
         ),
         ({"without_border": 0.5}, "the middle four fifths alone reach 0.5 mm"),
         ({"inner": 0.4}, "within half the range it is 0.4 mm"),
-        ({"told": "hardly", "rms": 7.5}, "told well once it moves 3.0 times as far"),
+        ({"told": "hardly", "share_left": 0.75}, "told well once it moves 4.4 times as far"),
         ({"others": {"geometric moments": 1.5}}, "geometric moments would reach 1.5 mm"),
         ({"period_px": 50.0, "told": "hardly"}, "repeats every 50 px"),
         ({"disturbed": {"gain 0.8": 1.9, "another light": 30.0}}, "another light makes it 30 mm"),
@@ -142,10 +143,26 @@ def test_what_helps_most_comes_first():
 
 
 def test_of_what_is_not_told_nothing_but_another_view_or_range_is_advised():
-    found = replace(FOUND, told="not", rms=9.5, inner=0.1, at_five_times=0.1, others={"a": 9.9})
+    found = replace(FOUND, told="not", rms=9.2, share_left=0.92, inner=0.1, at_five_times=0.1)
     starts = [line.split(":")[0] for line in advise(found)]
     assert starts == ["nothing here tells it", "a longer range"]
-    assert len(advise(replace(found, rms=10.1))) == 1
+    assert "10 mm is what answering the mean reaches" in advise(found)[0]
+    assert len(advise(replace(found, share_left=0.99))) == 1
+    assert len(advise(replace(found, share_left=1.01))) == 1
+
+
+@pytest.mark.parametrize("noise", [0.3, 1.0, 2.5])
+def test_over_the_advised_range_a_noisy_linear_feature_tells_a_dof_well(noise):
+    # A target of unit spread from a feature with that noise: the error of the best guess.
+    share = noise / (1 + noise**2) ** 0.5
+    found = replace(FOUND, told=grade(share), share_left=share)
+    (line,) = [line for line in advise(found) if "a longer range" in line]
+    farther = float(line.split("moves ")[1].split(" times")[0])
+    assert noise / (farther**2 + noise**2) ** 0.5 == pytest.approx(0.25, rel=0.05)
+
+
+def test_other_features_are_named_only_where_they_are_worse():
+    assert advise(replace(FOUND, others={"geometric moments": 0.95})) == []
 
 
 def test_a_repeating_pattern_comes_before_all_other_advice():

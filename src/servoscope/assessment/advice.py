@@ -14,6 +14,9 @@ LEAST_GAIN = 0.1
 MUCH = 2.0
 """A disturbance that multiplies an error by more than this is worth a warning."""
 
+FARTHEST = 10.0
+"""Nobody moves so many times as far; what is told so badly may not be told at all."""
+
 
 @dataclass(frozen=True)
 class Findings:
@@ -32,6 +35,8 @@ class Findings:
         Learned from.
     told : str
         How well, see `grade`.
+    share_left : float
+        Error, over all images, as a share of `baseline`: what `told` goes by.
     family : str
         Title of the features that tell it best.
     others : dict
@@ -58,6 +63,7 @@ class Findings:
     wished: float | None
     n_images: int
     told: str
+    share_left: float
     family: str
     others: Mapping[str, float]
     at_twice: float
@@ -90,16 +96,15 @@ def _obstacles(found: Findings) -> Iterator[str]:
         )
     elif found.told == "not":
         yield (
-            f"nothing here tells it: {_says(found.rms, found)} is what answering the mean reaches; "
-            "see whether the part is in view and sharp, and try another view"
+            f"nothing here tells it: {_says(found.baseline, found)} is what answering the mean "
+            "reaches; see whether the part is in view and sharp, and try another view"
         )
 
 
 def _helps(found: Findings) -> Iterator[tuple[float, str]]:
     """Errors that are hoped for, and how."""
     if found.told == "not":
-        if found.rms < found.baseline:
-            yield _longer_range(found)
+        yield from _longer_range(found)
         return
     yield from _more_images(found)
     yield from _wider_view(found)
@@ -109,7 +114,7 @@ def _helps(found: Findings) -> Iterator[tuple[float, str]]:
             f"approach in two stages: within half the range it is {_says(found.inner, found)}",
         )
     if found.told != "well":
-        yield _longer_range(found)
+        yield from _longer_range(found)
 
 
 def _more_images(found: Findings) -> Iterator[tuple[float, str]]:
@@ -151,18 +156,28 @@ def _wider_view(found: Findings) -> Iterator[tuple[float, str]]:
         )
 
 
-def _longer_range(found: Findings) -> tuple[float, str]:
-    factor = found.rms / (WELL * found.baseline)
-    return (
-        found.baseline,
-        f"a longer range: at this error it is told well once it moves {factor:.1f} times as far",
-    )
+def _longer_range(found: Findings) -> Iterator[tuple[float, str]]:
+    """How far a dof has to move to be told well by features that stay as noisy as they are.
+
+    An error is less than the features' own noise alone makes, since the range bounds it as well:
+    in squares, their inverses add.
+    """
+    if found.share_left >= 1:
+        return
+    factor = ((WELL**-2 - 1) / (found.share_left**-2 - 1)) ** 0.5
+    if 1 < factor <= FARTHEST:
+        yield (
+            found.baseline,
+            f"a longer range: with features as noisy as these it is told well once it moves "
+            f"{factor:.1f} times as far",
+        )
 
 
 def _warnings(found: Findings) -> Iterator[str]:
     if found.others and found.told != "not":
         title, rms = min(found.others.items(), key=lambda item: item[1])
-        yield f"keep to {found.family}: {title} would reach {_says(rms, found)}"
+        if rms > (1 + LEAST_GAIN) * found.rms:
+            yield f"keep to {found.family}: {title} would reach {_says(rms, found)}"
     if found.disturbed and found.told != "not":
         title, rms = max(found.disturbed.items(), key=lambda item: item[1])
         if rms > MUCH * found.rms:

@@ -77,6 +77,11 @@ def forecast_candidates(
     groups : ndarray of shape (n_images,)
         Images that belong together.
     features : dict of FamilyFeatures
+
+    Raises
+    ------
+    InvalidInputError
+        If none of the features can be forecast.
     """
     shared = images[learn], targets[learn], own_groups(groups[learn])
     calls = ((*shared, one.family, one.values[learn]) for one in features.values())
@@ -87,6 +92,11 @@ def forecast_candidates(
             candidates[one.family] = Candidate(one, forecast)
         if on_progress is not None:
             on_progress(n_done)
+    if not candidates:
+        raise InvalidInputError(
+            f"None of the families can be had of these {len(learn)} images of "
+            f"{images.shape[2]} x {images.shape[1]} px; try other families or larger images."
+        )
     return candidates
 
 

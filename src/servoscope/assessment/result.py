@@ -12,7 +12,7 @@ from servoscope.assessment.advice import Findings, advise
 from servoscope.assessment.budget import share_out
 from servoscope.assessment.disturbed import TITLES
 from servoscope.assessment.families import title_of
-from servoscope.assessment.run import Assessment
+from servoscope.assessment.outcome import Assessment
 from servoscope.assessment.verdict import CONSTANT, STILL, conclude, grade, name_limit
 from servoscope.assessment.what_if import inner_rms
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
@@ -115,7 +115,7 @@ def _decide(
         at_ten_times=images[10],
         best_regressor=_best_regressor(found, dof, rms),
     )
-    findings = _find(found, dof, scale, wished, images, told)
+    findings = _find(found, dof, scale, wished, images, left)
     return {
         "forecast_rms": rms * scale,
         "interval": (forecast.interval[:, 0] * scale).tolist(),
@@ -149,19 +149,21 @@ def _find(
     scale: float,
     wished: float | None,
     images: Mapping[int, float],
-    told: str,
+    share_left: float,
 ) -> Findings:
     i, name = DOFS.index(dof), found.choice[dof]
     forecast, curve, candidate = found.forecasts[dof], found.curves[dof], found.candidates[name]
     narrower, repetition = found.without_border.get(name), found.images.repetition
-    level = images[1] / float(candidate.forecast.rms[i])  # of full effort over that of a glance
+    level = _ratio(images[1], float(candidate.forecast.rms[i]))  # of full effort over a glance
+    on_curve = _ratio(float(curve.rms_at(curve.n_images[-1]).rms[0]), images[1])
     return Findings(
         unit=DISPLAY_UNITS[i],
         rms=images[1] * scale,
         baseline=float(forecast.baseline[0]) * scale,
         wished=wished,
         n_images=int(curve.n_images[-1]),
-        told=told,
+        told=grade(share_left),
+        share_left=share_left,
         family=title_of(name),
         others={
             title_of(other): float(one.forecast.rms[i]) * scale
@@ -170,7 +172,7 @@ def _find(
         },
         at_twice=images[2] * scale,
         at_five_times=images[5] * scale,
-        images_for_wish=None if wished is None else curve.images_for(wished / scale / level)[0],
+        images_for_wish=None if wished is None else curve.images_for(on_curve * wished / scale)[0],
         without_border=None if narrower is None else level * float(narrower[i]) * scale,
         inner=_scaled(inner_rms(forecast.residuals[:, 0], found.learned_targets[:, i]), scale),
         period_px=float(np.hypot(*repetition.shift)) if repetition.repeats else None,
@@ -199,7 +201,12 @@ def _falls_to(curve: LearningCurve, times: int) -> float:
     """Share of the error that is left with some times the images."""
     n_images = int(curve.n_images[-1])
     now, then = (float(curve.rms_at(n).rms[0]) for n in (n_images, times * n_images))
-    return min(then / now, 1.0) if now > 0 else 1.0
+    return min(_ratio(then, now), 1.0)
+
+
+def _ratio(a: float, b: float) -> float:
+    """How many times as large an error is as another; 1 where there is no other."""
+    return a / b if b > 0 else 1.0
 
 
 def _best_regressor(found: Assessment, dof: str, rms: float) -> float:

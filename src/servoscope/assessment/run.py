@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -22,70 +22,19 @@ from servoscope.assessment.families import FAMILIES, choose_tried, compute_famil
 from servoscope.assessment.image_facts import ImageFacts, describe_images
 from servoscope.assessment.independence import Independence, find_groups, split_groups
 from servoscope.assessment.models import DofModel, join_models, train_models
+from servoscope.assessment.outcome import Assessment
 from servoscope.assessment.what_if import forecast_without_border
 from servoscope.dataset import PoseImageSet
 from servoscope.poses import DOFS
 from servoscope.progress import ProgressBar, no_progress
 from servoscope.regression import RegressorScore, compare_regressors
-from servoscope.selection import Forecast, LearningCurve, forecast_errors, learning_curve
+from servoscope.selection import Forecast, LearningCurve, learning_curve
 from servoscope.splits import Split
 
 Array = NDArray[np.float64]
 
 COMPARED = ("gaussian_process", "kernel_ridge", "levenberg_marquardt", "lbfgs")
 """The regressors that are quick enough on hundreds of features."""
-
-
-@dataclass(frozen=True, eq=False)
-class Assessment:
-    """Everything that was measured; errors in units of the range.
-
-    Parameters
-    ----------
-    data : PoseImageSet
-    split : Split
-    independence : Independence
-    images : ImageFacts
-    candidates : dict of Candidate
-    choice : dict
-        The candidate that tells each dof best, for those that move.
-    forecasts : dict of Forecast
-        By dof, on the chosen features.
-    trained : dict
-        By candidate and dof.
-    curves : dict of LearningCurve
-        By dof, on the chosen features.
-    noise : dict
-        RMS error by dof that the noise of the pixels makes.
-    disturbed : dict
-        RMS test error by disturbance and dof.
-    without_border : dict
-        Forecasts by candidate from the middle of the view; None where it is too small.
-    at_random : dict or None
-        Forecasts by dof that take dependent images for independent ones.
-    regressors : list of RegressorScore
-    """
-
-    data: PoseImageSet = field(repr=False)
-    split: Split = field(repr=False)
-    independence: Independence = field(repr=False)
-    images: ImageFacts
-    candidates: dict[str, Candidate] = field(repr=False)
-    choice: dict[str, str]
-    forecasts: dict[str, Forecast] = field(repr=False)
-    trained: dict[str, dict[str, DofModel]] = field(repr=False)
-    curves: dict[str, LearningCurve] = field(repr=False)
-    noise: dict[str, float]
-    disturbed: dict[str, dict[str, float]]
-    without_border: dict[str, Array | None] = field(repr=False)
-    at_random: dict[str, float] | None
-    regressors: list[RegressorScore] = field(repr=False)
-
-    @property
-    def learned_targets(self) -> Array:
-        """Displacements of the images that were learned from, in units of the range."""
-        learn = np.sort(np.concatenate([self.split.train, self.split.validation]))
-        return self.data.delta_p()[learn] / self.data.ranges()
 
 
 def assess(
@@ -99,7 +48,8 @@ def assess(
     """Assess a data set.
 
     Features of every family are forecast, trained on and tested; the rest looks closer at those
-    that are forecast to tell each dof best. Nothing is decided on the test images.
+    that are forecast to tell each dof best. No features are chosen on the test images; but how well
+    a dof is told, what disturbs it and what another regressor would do is measured on them.
 
     Parameters
     ----------
@@ -152,13 +102,17 @@ class _Course:
         """Displacements in units of the range; exactly 0 for a dof that never moves."""
         return np.where(self.data.moves(), self.data.delta_p() / self.data.ranges(), 0.0)
 
+    @cached_property
+    def moving(self) -> NDArray[np.bool_]:
+        """Whether each dof moves in the images that are learned from, shape (6,)."""
+        return np.asarray(np.ptp(self.targets[self.learn], axis=0) > 1e-9)
+
     def run(self) -> Assessment:
         split = self.split
         images = describe_images(self.data)
         candidates = self._forecast(images)
-        moving = [dof for dof, moves in zip(DOFS, self.data.moves(), strict=True) if moves]
         best = choose_families(candidates)
-        choice = {dof: best[dof] for dof in moving}
+        choice = {dof: best[dof] for dof, told in zip(DOFS, self.moving, strict=True) if told}
         trained = self._train(candidates, choice)
         noise, disturbed = self._disturb(trained, choice, images.noise)
         return Assessment(
@@ -179,7 +133,7 @@ class _Course:
         )
 
     def _forecast(self, images: ImageFacts) -> dict[str, Candidate]:
-        is_hopeless = not (images.change and self.data.moves().any())
+        is_hopeless = not (images.change and self.moving.any())
         names = ["moments"] if is_hopeless else list(self.families)
         with self.progress("features", len(names)) as advance:
             found = compute_families(
@@ -276,12 +230,17 @@ class _Course:
         """What a forecast promises that does not know that images are dependent."""
         if self.groups is None:
             return None
-        promised = {}
-        for dof, name in choice.items():
-            X = candidates[name].features.values[self.learn]
-            y = self.targets[self.learn, DOFS.index(dof)]
-            promised[dof] = float(forecast_errors(X, y, n_jobs=self.n_jobs).rms[0])
-        return promised
+        promised = forecast_candidates(
+            self.data.images,
+            self.targets,
+            self.learn,
+            np.arange(len(self.data)),
+            {name: candidates[name].features for name in sorted(set(choice.values()))},
+            n_jobs=self.n_jobs,
+        )
+        return {
+            dof: float(promised[name].forecast.rms[DOFS.index(dof)]) for dof, name in choice.items()
+        }
 
     def _regressors(
         self, candidates: dict[str, Candidate], choice: dict[str, str]

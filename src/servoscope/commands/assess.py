@@ -67,7 +67,7 @@ def assess(
         families=tried,
         seed=seed,
         wishes=wishes,
-        label_errors=label_errors or told_label_errors(data),
+        label_errors=told_label_errors(data) | label_errors,
         n_jobs=processes,
     )
     finish_run(run, data, config, processes, json=json, assessment=assessment)
