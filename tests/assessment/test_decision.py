@@ -161,6 +161,11 @@ def test_over_the_advised_range_a_noisy_linear_feature_tells_a_dof_well(noise):
     assert noise / (farther**2 + noise**2) ** 0.5 == pytest.approx(0.25, rel=0.05)
 
 
+def test_two_stages_are_advised_only_where_the_first_brings_it_near():
+    hardly = replace(FOUND, told="hardly", share_left=0.75, inner=0.4)
+    assert not any("two stages" in line for line in advise(hardly))
+
+
 def test_other_features_are_named_only_where_they_are_worse():
     assert advise(replace(FOUND, others={"geometric moments": 0.95})) == []
 

@@ -107,3 +107,15 @@ def test_what_cannot_be_read_is_said_in_one_line(tmp_path, capsys, options, said
     assert said in err
     assert len(err.splitlines()) == 1
     assert not out.exists()
+
+
+def test_what_is_told_of_one_dof_leaves_the_simulated_errors_of_the_others(tmp_path, capsys):
+    known = {"repeatability_mm": 0.5, "repeatability_deg": 0.5}
+    code, _ = assess(
+        planar_data_set(60, 16, source=known), tmp_path, "--pose-error", "tx=1mm", "--json"
+    )
+    assert code == 0
+    told = json.loads(capsys.readouterr().out)["assessment"]
+    for dof, label in zip(DOFS, (1.0, *[0.5] * 5), strict=True):
+        share = told[dof]["budget"]["pose_labels"]
+        assert share == pytest.approx((label / told[dof]["forecast_rms"]) ** 2, rel=1e-6)

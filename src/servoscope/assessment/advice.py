@@ -108,7 +108,9 @@ def _helps(found: Findings) -> Iterator[tuple[float, str]]:
         return
     yield from _more_images(found)
     yield from _wider_view(found)
-    if found.inner is not None and found.inner < (1 - LEAST_GAIN) * found.rms:
+    # Whatever is hardly told errs less near the mean, which is what is answered.
+    is_told = found.told in ("well", "roughly")
+    if is_told and found.inner is not None and found.inner < (1 - LEAST_GAIN) * found.rms:
         yield (
             found.inner,
             f"approach in two stages: within half the range it is {_says(found.inner, found)}",
