@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planar import PIVOT, RANGES
-from servoscope.assessment.independence import find_groups, split_groups
+from servoscope.assessment.independence import find_groups, mark_sequence, split_groups
 from servoscope.dataset import PoseImageSet
 from servoscope.errors import InvalidInputError
 from servoscope.poses import poses_from_displacements
@@ -49,6 +49,12 @@ def test_a_moving_camera_makes_a_sequence(seed):
     assert found.kind == "sequence"
     assert (np.diff(found.groups) >= 0).all()  # runs of images in their order
     assert len(np.unique(found.groups)) == 20
+
+
+def test_a_sequence_is_to_be_split_by_blocks_by_whoever_gets_it_next():
+    assert mark_sequence(data_at(wandering())).split == "blocks"
+    independent = data_at(at_random())
+    assert mark_sequence(independent) is independent
 
 
 def test_times_put_a_sequence_into_order():

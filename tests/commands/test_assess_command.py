@@ -109,6 +109,16 @@ def test_what_cannot_be_read_is_said_in_one_line(tmp_path, capsys, options, said
     assert not out.exists()
 
 
+@pytest.mark.slow
+def test_the_study_of_what_turns_out_a_sequence_is_not_split_at_random(tmp_path, capsys):
+    data = planar_data_set(80, 16)
+    in_order = np.argsort(data.delta_p()[:, 0])
+    poses = np.repeat(data.T_world_cam[in_order][::5], 5, axis=0)
+    code, run = assess(replace(data, T_world_cam=poses), tmp_path)
+    assert code == 0
+    assert json.loads((run / "summary.json").read_text())["dataset"]["split"] == "blocks"
+
+
 def test_what_is_told_of_one_dof_leaves_the_simulated_errors_of_the_others(tmp_path, capsys):
     known = {"repeatability_mm": 0.5, "repeatability_deg": 0.5}
     code, _ = assess(

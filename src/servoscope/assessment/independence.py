@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +86,12 @@ def find_groups(data: PoseImageSet) -> Independence:
         clusters = _cluster(poses, n_groups, NEIGHBOUR_RATIO * expected)
         return Independence("revisited", clusters, nearest / expected)
     return Independence("independent", _same_poses(data), step_ratio)
+
+
+def mark_sequence(data: PoseImageSet) -> PoseImageSet:
+    """The same data set, to be split by blocks if its poses show that it is a sequence."""
+    is_sequence = find_groups(data).kind == "sequence"
+    return replace(data, split="blocks") if is_sequence else data
 
 
 def split_groups(data: PoseImageSet, independence: Independence, seed: int) -> Split:

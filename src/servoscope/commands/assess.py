@@ -39,7 +39,7 @@ def assess(
 
     from servoscope.assessment import parse_wishes
     from servoscope.assessment.families import choose_tried
-    from servoscope.assessment.independence import check_enough_images
+    from servoscope.assessment.independence import check_enough_images, mark_sequence
     from servoscope.commands.options import n_jobs, protocols
     from servoscope.commands.run_assessment import run_assessment, told_label_errors
     from servoscope.commands.run_study import finish_run
@@ -58,6 +58,7 @@ def assess(
         )
     data = PoseImageSet.load(dataset)
     check_enough_images(data)
+    data = mark_sequence(data)  # the study's random split would flatter
     settings = {"command": "assess", **asdict(config), "dataset": str(dataset.resolve())}
     settings |= {"want": wishes, "pose_error": label_errors, "families": tried}
     run = open_run_folder(out, settings, resume=resume, force=force)
