@@ -57,7 +57,7 @@ def test_wishes_decide_what_is_advised(decision):
 def test_every_number_of_processes_decides_the_same(plane, decision):
     other = decide(plane, {"tx": 1e-3, "rz": 90.0}, n_jobs=2)
     for found in (decision, other):
-        for row in found["regressors"]:
+        for row in (*found["regressors"], *found["regressors_on_moments"]):
             row.pop("seconds", None)
     assert other == decision
 
@@ -121,6 +121,15 @@ def test_images_of_which_no_family_can_be_had_are_refused_in_one_line(plane):
     one = replace(plane, images=plane.images[:, :1, :1], reference_image=plane.images[0, :1, :1])
     with pytest.raises(InvalidInputError, match=r"None of the families .* 120 images of 1 x 1 px"):
         assess(one, n_jobs=1, families=["eigenfeatures"])
+
+
+def test_the_noise_of_encoders_is_no_motion(plane):
+    frozen = np.repeat(plane.images[:1], len(plane), axis=0)
+    delta_p = np.random.default_rng(0).normal(0, 1e-9, (len(plane), 6))
+    delta_p[:, 0] = np.linspace(-0.02, 0.02, len(plane))
+    poses = poses_from_displacements(plane.T_world_ref, delta_p, PIVOT)
+    rows = decide(replace(plane, images=frozen, T_world_cam=poses))["dofs"]
+    assert [dof for dof in DOFS if rows[dof]["limited_by"] != "never moves"] == ["tx"]
 
 
 def stripes(delta_p, size):

@@ -71,7 +71,10 @@ def test_a_repeating_pattern_is_blamed_where_a_dof_is_not_told_well():
         ("wwwwww", "Every degree of freedom is told well."),
         ("wwrwww", "Every degree of freedom is told, tz only roughly."),
         ("whwwnw", "tx, tz, rx and rz are told; ty hardly, ry not at all."),
-        ("hhhhhn", "tx, ty, tz, rx and ry hardly, rz not at all."),
+        (
+            "hhhhhn",
+            "Little can be learned from these images: tx, ty, tz, rx and ry hardly, rz not at all.",
+        ),
         ("nnnnnn", "Nothing can be learned from these images."),
         ("sssrrr", "Every degree of freedom that moves is told, rx, ry and rz only roughly."),
         ("ssssss", "Nothing can be learned from these images: nothing moves."),
@@ -85,6 +88,7 @@ def test_the_conclusion_is_one_sentence(told, said):
 FOUND = Findings(
     unit="mm",
     rms=1.0,
+    reached=1.0,
     baseline=10.0,
     wished=None,
     n_images=750,
@@ -128,6 +132,7 @@ def test_nothing_is_said_where_nothing_would_help():
         ({"told": "hardly", "share_left": 0.75}, "told well once it moves 4.4 times as far"),
         ({"others": {"geometric moments": 1.5}}, "geometric moments would reach 1.5 mm"),
         ({"period_px": 50.0, "told": "hardly"}, "repeats every 50 px"),
+        ({"wished": 1.0, "reached": 1.5}, "the 1.5 mm of the test images do not"),
         ({"disturbed": {"gain 0.8": 1.9, "another light": 30.0}}, "another light makes it 30 mm"),
         ({"at_random": 0.1}, "taken for independent they promise 0.1 mm"),
     ],

@@ -22,6 +22,7 @@ from servoscope.features import (
 )
 from servoscope.features.image_transformer import ImageTransformer
 from servoscope.processes import in_processes, one_blas_thread
+from servoscope.wording import listing
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -107,7 +108,7 @@ def title_of(family: str) -> str:
     ('geometric moments', 'geometric moments + log-polar waves')
     """
     titles = [FAMILIES[name].title for name in family.split("+")]
-    return " + ".join(titles) if len(titles) < 4 else f"{len(titles)} families together"
+    return " + ".join(titles) if len(titles) < 4 else listing(family.split("+"))
 
 
 class FamilyTransformer:

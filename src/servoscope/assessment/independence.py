@@ -142,15 +142,19 @@ def check_enough_images(data: PoseImageSet) -> None:
 
 def _whitened(data: PoseImageSet) -> NDArray[np.float64]:
     """Displacements along their principal axes, each in units of its own spread."""
-    poses = _in_metres(data)
-    spreads = poses.std(axis=0)
-    moved = data.moves() & (spreads > _HARDLY_MOVES * spreads.max())
-    if not moved.any():
-        return poses[:, :0]
-    poses = (poses - poses.mean(axis=0))[:, moved] / spreads[moved]
+    poses = _in_metres(data)[:, moves_enough(data)]
+    if not poses.size:
+        return poses
+    poses = (poses - poses.mean(axis=0)) / poses.std(axis=0)
     axes, spreads, _ = np.linalg.svd(poses, full_matrices=False)
     kept = spreads > 0.05 * spreads[0]
     return np.asarray(axes[:, kept] * np.sqrt(len(poses)))
+
+
+def moves_enough(data: PoseImageSet) -> NDArray[np.bool_]:
+    """Whether each dof moves more than the noise of encoders against the others, shape (6,)."""
+    spreads = _in_metres(data).std(axis=0)
+    return data.moves() & (spreads > _HARDLY_MOVES * spreads.max())
 
 
 def _in_metres(data: PoseImageSet) -> NDArray[np.float64]:

@@ -46,7 +46,8 @@ class Assessment:
         Forecasts by candidate from the middle of the view; None where it is too small.
     at_random : dict or None
         Forecasts by dof, as of the candidates, that take dependent images for independent ones.
-    regressors : list of RegressorScore
+    regressors, regressors_on_moments : list of RegressorScore
+        On the chosen features, and on the paper's.
     """
 
     data: PoseImageSet = field(repr=False)
@@ -63,6 +64,7 @@ class Assessment:
     without_border: dict[str, Array | None] = field(repr=False)
     at_random: dict[str, float] | None
     regressors: list[RegressorScore] = field(repr=False)
+    regressors_on_moments: list[RegressorScore] = field(repr=False)
 
     @property
     def learned_targets(self) -> Array:

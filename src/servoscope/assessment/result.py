@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -16,10 +16,14 @@ from servoscope.assessment.outcome import Assessment
 from servoscope.assessment.verdict import CONSTANT, STILL, conclude, grade, name_limit
 from servoscope.assessment.what_if import inner_rms
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
+from servoscope.regression import RegressorScore
 from servoscope.selection import LearningCurve
 
 TIMES = (1, 2, 5, 10)
 """Numbers of images, in those there are, at which the learning curve is told."""
+
+
+LEAST_TESTED, CLEARLY_LESS = 30, 0.9
 
 
 def as_json(
@@ -54,7 +58,8 @@ def as_json(
         ),
         "images": _images(found),
         "families": {name: _family(found, name, scale) for name in found.candidates},
-        "regressors": _regressors(found, scale),
+        "regressors": _regressors(found.regressors, scale),
+        "regressors_on_moments": _regressors(found.regressors_on_moments, scale),
         "disturbed": {
             name: {dof: rms * scale[dof] for dof, rms in errors.items()}
             for name, errors in found.disturbed.items()
@@ -81,7 +86,7 @@ def _warnings(found: Assessment) -> Iterator[str]:
             "px along y: poses that far apart are taken for each other."
         )
     if found.images.n_copies and found.images.change:
-        yield f"{found.images.n_copies} images are exact copies of others: was the camera frozen?"
+        yield f"Exact copies of other images: {found.images.n_copies}. Was the camera frozen?"
 
 
 def _still(dof: str, wished: float | None) -> dict[str, Any]:
@@ -96,6 +101,7 @@ def _still(dof: str, wished: float | None) -> dict[str, Any]:
         "advice": ["take images in which it moves"],
         "told": "still",
         "wanted": wished,
+        "met": None,
     }
 
 
@@ -131,6 +137,7 @@ def _decide(
         "told": told,
         "share_left": left,
         "wanted": wished,
+        "met": None if wished is None else findings.is_met,
         "family": title_of(name),
         "baseline_rms": baseline * scale,
         "coverage_95": model.covered,
@@ -159,6 +166,7 @@ def _find(
     return Findings(
         unit=DISPLAY_UNITS[i],
         rms=images[1] * scale,
+        reached=found.trained[name][dof].rms * scale,
         baseline=float(forecast.baseline[0]) * scale,
         wished=wished,
         n_images=int(curve.n_images[-1]),
@@ -210,16 +218,23 @@ def _ratio(a: float, b: float) -> float:
 
 
 def _best_regressor(found: Assessment, dof: str, rms: float) -> float:
-    """What the forecast would be with the regressor that did best on the test images."""
+    """What the forecast would be with the regressor that did best on the test images.
+
+    The least of several errors on few images is a little less by chance alone: it counts from
+    `LEAST_TESTED` images on, and if it is clearly less.
+    """
     reached = {one.regressor: one.test_rms for one in found.regressors if one.dof == dof}
-    default = reached.get("gaussian_process", 0.0)
-    return rms * min(reached.values()) / default if default > 0 else rms
+    share = _ratio(min(reached.values()), reached["gaussian_process"])
+    is_clear = len(found.split.test) >= LEAST_TESTED and share <= CLEARLY_LESS
+    return rms * share if is_clear else rms
 
 
-def _regressors(found: Assessment, scale: Mapping[str, float]) -> list[dict[str, Any]]:
+def _regressors(
+    compared: Sequence[RegressorScore], scale: Mapping[str, float]
+) -> list[dict[str, Any]]:
     rows = []
-    for name in dict.fromkeys(one.regressor for one in found.regressors):
-        scores = [one for one in found.regressors if one.regressor == name]
+    for name in dict.fromkeys(one.regressor for one in compared):
+        scores = [one for one in compared if one.regressor == name]
         rows.append(
             {
                 "regressor": name,

@@ -20,14 +20,19 @@ from servoscope.assessment.candidates import (
 from servoscope.assessment.disturbed import disturbed_errors, noise_errors
 from servoscope.assessment.families import FAMILIES, choose_tried, compute_families
 from servoscope.assessment.image_facts import ImageFacts, describe_images
-from servoscope.assessment.independence import Independence, find_groups, split_groups
+from servoscope.assessment.independence import (
+    Independence,
+    find_groups,
+    moves_enough,
+    split_groups,
+)
 from servoscope.assessment.models import DofModel, join_models, train_models
 from servoscope.assessment.outcome import Assessment
 from servoscope.assessment.what_if import forecast_without_border
 from servoscope.dataset import PoseImageSet
 from servoscope.poses import DOFS
 from servoscope.progress import ProgressBar, no_progress
-from servoscope.regression import RegressorScore, compare_regressors
+from servoscope.regression import REGRESSORS, RegressorScore, compare_regressors
 from servoscope.selection import Forecast, LearningCurve, learning_curve
 from servoscope.splits import Split
 
@@ -100,7 +105,8 @@ class _Course:
     @cached_property
     def targets(self) -> Array:
         """Displacements in units of the range; exactly 0 for a dof that never moves."""
-        return np.where(self.data.moves(), self.data.delta_p() / self.data.ranges(), 0.0)
+        moves = moves_enough(self.data)
+        return np.where(moves, self.data.delta_p() / self.data.ranges(), 0.0)
 
     @cached_property
     def moving(self) -> NDArray[np.bool_]:
@@ -130,6 +136,7 @@ class _Course:
             without_border=self._without_border(choice),
             at_random=self._at_random(candidates, choice),
             regressors=self._regressors(candidates, choice),
+            regressors_on_moments=self._regressors_on_moments(candidates, choice),
         )
 
     def _forecast(self, images: ImageFacts) -> dict[str, Candidate]:
@@ -258,6 +265,22 @@ class _Course:
                 self.split,
                 COMPARED,
                 columns=columns,
+                dofs=tuple(choice),
+                n_jobs=self.n_jobs,
+                on_progress=advance,
+            )
+
+    def _regressors_on_moments(
+        self, candidates: dict[str, Candidate], choice: dict[str, str]
+    ) -> list[RegressorScore]:
+        """Every regressor on the paper's moments."""
+        if not choice or "moments" not in candidates:
+            return []
+        with self.progress("regressors on moments", len(REGRESSORS) * len(choice)) as advance:
+            return compare_regressors(
+                candidates["moments"].features.values,
+                self.targets[:, [DOFS.index(dof) for dof in choice]],
+                self.split,
                 dofs=tuple(choice),
                 n_jobs=self.n_jobs,
                 on_progress=advance,

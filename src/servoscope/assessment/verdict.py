@@ -108,7 +108,9 @@ tx and tz hardly, ty not at all.'
         )
     good_ones = [dof for dof in told if dof not in poor]
     verb = "is" if len(good_ones) == 1 else "are"
-    return f"{listing(good_ones)} {verb} told; {_poor(poor)}." if good_ones else f"{_poor(poor)}."
+    if not good_ones:
+        return f"Little can be learned from these images: {_poor(poor)}."
+    return f"{listing(good_ones)} {verb} told; {_poor(poor)}."
 
 
 def _kinds(shares: Mapping[str, float]) -> dict[str, float]:

@@ -32,15 +32,8 @@ def describe_assessment(assessed: dict[str, Any], figures: list[dict[str, Any]])
         "heads": [f"{DOF_LABELS[dof]} [{assessed['dofs'][dof]['unit']}]" for dof in dofs],
         "families": _families(assessed["families"], dofs),
         "agreement": _agreement(assessed, dofs),
-        "regressors": [
-            {
-                "title": REGRESSORS.get(row["regressor"], row["regressor"]),
-                "cells": [row["rms"][dof] for dof in dofs],
-                "seconds": row["seconds"],
-                "covered": row["coverage_95"],
-            }
-            for row in assessed["regressors"]
-        ],
+        "regressors": _regressors(assessed["regressors"], dofs),
+        "regressors_on_moments": _regressors(assessed["regressors_on_moments"], dofs),
         "disturbed": [
             {"title": TITLES.get(name, name), "cells": [errors[dof] for dof in dofs]}
             for name, errors in assessed["disturbed"].items()
@@ -66,8 +59,20 @@ def _decision(dof: str, row: dict[str, Any]) -> dict[str, Any]:
         "forecast": f"{row['forecast_rms']:.2g} {row['unit']}",
         "interval": f"{low:.2g} to {high:.2g}",
         "reached": f"{row['reached_rms']:.2g} {row['unit']}",
-        "met": None if row["wanted"] is None else row["reached_rms"] <= row["wanted"],
+        "met": row["met"],
     }
+
+
+def _regressors(rows: list[dict[str, Any]], dofs: list[str]) -> list[dict[str, Any]]:
+    return [
+        {
+            "title": REGRESSORS.get(row["regressor"], row["regressor"]),
+            "cells": [row["rms"][dof] for dof in dofs],
+            "seconds": row["seconds"],
+            "covered": row["coverage_95"],
+        }
+        for row in rows
+    ]
 
 
 def _families(families: dict[str, Any], dofs: list[str]) -> list[dict[str, Any]]:
