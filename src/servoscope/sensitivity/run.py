@@ -51,9 +51,7 @@ class SensitivityRun:
             self.data.delta_p()[train],
             self.data.ranges(),
         )
-        calls = [
-            (*learned, FEATURES[name](), regressor) for name in names
-        ]
+        calls = [(*learned, FEATURES[name](), regressor) for name in names]
         models = {}
         with self.progress("training", len(calls)) as advance:
             fitted = in_processes(fit_pose_model, calls, self.n_jobs)
