@@ -1,5 +1,6 @@
 """What several tests need."""
 
+import signal
 from pathlib import Path
 
 import hypothesis
@@ -14,6 +15,9 @@ SHARED = Path(__file__).parents[2] / "shared"
 # The first call of a numba kernel compiles it, and other machines are slower: no deadline.
 hypothesis.settings.register_profile("servoscope", deadline=None)
 hypothesis.settings.load_profile("servoscope")
+
+# What runs in the background is often started deaf to Ctrl-C, and so is all that it starts.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
