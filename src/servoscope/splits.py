@@ -29,6 +29,11 @@ class Split:
     validation: Indices
     test: Indices
 
+    @property
+    def learned(self) -> Indices:
+        """Those that train and those that decide together, ascending."""
+        return np.sort(np.concatenate([self.train, self.validation]))
+
 
 def split_images(
     n_images: int,

@@ -56,7 +56,7 @@ def test_a_likeness_that_goes_on_where_the_shifts_end_is_no_repetition():
     assert not find_repetition(planar_data_set(2, 24).reference_image).repeats
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (2, 50), (64, 64)])
+@pytest.mark.parametrize("shape", [(1, 1), (2, 50), (64, 64), (1, 500)])
 def test_flat_images_do_not_repeat(shape):
     assert not find_repetition(np.full(shape, 77, np.uint8)).repeats
 

@@ -12,11 +12,10 @@ from servoscope.assessment.families import FamilyFeatures, FamilyTransformer
 from servoscope.poses import DOFS
 from servoscope.processes import in_processes, one_blas_thread
 from servoscope.regression import GaussianProcess
+from servoscope.regression.comparison import INTERVAL
 from servoscope.splits import Split
 
 Array = NDArray[np.float64]
-INTERVAL = 1.96
-"""Standard deviations of the interval that is to hold 95 % of the errors."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -69,5 +69,4 @@ class Assessment:
     @property
     def learned_targets(self) -> Array:
         """Displacements of the images that were learned from, in units of the range."""
-        learn = np.sort(np.concatenate([self.split.train, self.split.validation]))
-        return self.data.delta_p()[learn] / self.data.ranges()
+        return self.data.delta_p()[self.split.learned] / self.data.ranges()

@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.features.shrinking import shrink
+
 LONGER_SIDE = 128
 """The image is made this small first, [px]."""
 
@@ -64,10 +66,7 @@ def find_repetition(image: NDArray[np.uint8]) -> Repetition:
     (True, 0.0)
     """
     scale = LONGER_SIDE / max(image.shape)
-    small = image.astype(np.float64)
-    if scale < 1:
-        shape = round(scale * image.shape[1]), round(scale * image.shape[0])
-        small = np.asarray(cv2.resize(small, shape, interpolation=cv2.INTER_AREA))
+    small = shrink(image, LONGER_SIDE).astype(np.float64)
     correlation = _autocorrelation(small - cv2.GaussianBlur(small, (0, 0), _BACKGROUND))
     at, height = _second_peak(correlation)
     back = (-1 if at[1] < 0 else 1) / min(scale, 1.0)  # a shift and its opposite are the same

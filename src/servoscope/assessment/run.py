@@ -96,7 +96,7 @@ class _Course:
 
     @cached_property
     def learn(self) -> NDArray[np.intp]:
-        return np.sort(np.concatenate([self.split.train, self.split.validation]))
+        return self.split.learned
 
     @cached_property
     def groups(self) -> NDArray[np.intp] | None:

@@ -166,7 +166,7 @@ def _check(
         )
     if not (np.isfinite(X).all() and np.isfinite(Y).all()):
         raise InvalidInputError("X and Y must be finite, but hold NaN or infinity.")
-    if np.isin(split.test, np.concatenate([split.train, split.validation])).any():
+    if np.isin(split.test, split.learned).any():
         raise InvalidInputError(
             "Test samples are among those that train or decide; compare regressors under the "
             "honest protocol."
