@@ -1,8 +1,13 @@
 """Whatever the camera, the robot or the estimator do wrong: a status, one line, and no motion."""
 
+import os
 import re
+import signal
+import subprocess
+import sys
 import threading
 import time
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -18,7 +23,8 @@ from servoscope.positioning.result import STATUSES, PositioningResult
 from servoscope.positioning.settings import LoopSettings
 
 START = 0.5 * RANGES * [1, -1, 1, -1, 1, 1]
-SHORT = LoopSettings(read_timeout_s=1, move_timeout_s=1)
+SHORT = LoopSettings(read_timeout_s=1, first_read_timeout_s=1, move_timeout_s=1)
+UNWATCHED = LoopSettings(read_timeout_s=None, move_timeout_s=None)
 
 
 def run(cell: Cell, camera=None, robot=None, oracle=None, settings=SHORT) -> PositioningResult:
@@ -193,8 +199,8 @@ def _lies(cell: Cell, displacement: np.ndarray) -> np.ndarray:
         (lambda cell, D: _raise(RuntimeError("joint 3\nat its limit")), "joint 3 at its limit"),
         (lambda cell, D: cell.move(D) * np.nan, "finite rigid .* nan"),
         (lambda cell, D: 2 * cell.move(D), "finite rigid"),
-        (lambda cell, D: cell.poses.append(cell.pose * np.nan) or D, "tell its pose as a finite"),
-        (lambda cell, D: None, "told None"),
+        (lambda cell, D: cell.poses.append(cell.pose * np.nan) or D, "report its pose as a finite"),
+        (lambda cell, D: None, "reported None"),
         (lambda cell, D: time.sleep(3), "time-out after 1 s"),
     ],
 )
@@ -228,14 +234,15 @@ def test_a_robot_that_does_not_know_where_it_is_does_not_move(pose) -> None:
 
 def test_a_robot_fault_on_the_way_back_is_a_robot_fault() -> None:
     cell = Cell(0.3 * START)
+    unjudged = replace(SHORT, largest_innovation=None)
     oracle = Oracle(cell, lambda p: -0.5 * p)
     robot = FaultyRobot(cell, lambda cell, D: cell.move(D))
-    assert run(cell, robot=robot, oracle=oracle).status == "diverged"
+    assert run(cell, robot=robot, oracle=oracle, settings=unjudged).status == "diverged"
     n_moves = robot.n_asked
     cell.poses[1:] = []
     robot = FaultyRobot(cell, None)
     robot.move = lambda D: cell.move(D if len(cell.poses) < n_moves else half(D))
-    assert run(cell, robot=robot, oracle=oracle).status == "robot_fault"
+    assert run(cell, robot=robot, oracle=oracle, settings=unjudged).status == "robot_fault"
     assert len(cell.poses) == n_moves + 1
 
 
@@ -291,3 +298,211 @@ def test_a_robot_without_stop_or_with_a_broken_one_is_told_of() -> None:
     assert "offers no stop(), and may still be moving" in run(cell).message
     cell.stop = lambda: _raise(RuntimeError("nor this"))
     assert "stop() failed: nor this" in run(cell).message
+
+
+class Unprintable(Exception):
+    """Its text cannot be had."""
+
+    def __str__(self) -> str:
+        raise ValueError("no text")
+
+
+ENDS = (SystemExit(3), GeneratorExit(), Unprintable(), MemoryError())
+
+
+@pytest.mark.parametrize("end", ENDS, ids=lambda end: type(end).__name__)
+@pytest.mark.parametrize(
+    ("where", "status"),
+    [
+        ("read", "camera_fault"),
+        ("move", "robot_fault"),
+        ("pose", "robot_fault"),
+        ("estimate", "abstained"),
+        ("on_step", "callback_fault"),
+    ],
+)
+@pytest.mark.parametrize("settings", [SHORT, UNWATCHED], ids=["watched", "unwatched"])
+def test_whatever_is_raised_ends_in_a_status_with_the_robot_stopped(
+    end, where: str, status: str, settings: LoopSettings
+) -> None:
+    class Failing(Cell):
+        stops = 0
+
+        @property
+        def pose(self):
+            return fail("pose", self.poses[-1])
+
+        def read(self):
+            return fail("read", super().read())
+
+        def move(self, displacement):
+            return fail("move", super().move(displacement))
+
+        def stop(self):
+            self.stops += 1
+
+    class FailingOracle(Oracle):
+        def estimate(self, image, previous):
+            return fail("estimate", super().estimate(image, previous))
+
+    def fail(place, value):
+        if place == where and len(cell.poses) >= 2:
+            raise end
+        return value
+
+    cell = Failing(START)
+    result = Positioner(FailingOracle(cell, lambda p: 0.7 * p), settings).run(
+        cell, cell, on_step=lambda step, image: fail("on_step", None)
+    )
+    assert (result.status, cell.stops) == (status, 1)
+    assert type(end).__name__ in result.message or str(end.args[0]) in result.message
+    assert len(cell.poses) == 2
+
+
+@pytest.mark.parametrize("answer", [None, np.eye(4), "near"])
+def test_an_estimator_that_returns_no_estimate_is_abstained_from(answer) -> None:
+    class Wrong(Oracle):
+        def estimate(self, image, previous):
+            return answer
+
+    cell = Cell(START)
+    result = run(cell, oracle=Wrong(cell))
+    assert result.status == "abstained"
+    assert "must return an Estimate" in result.message
+    assert len(cell.poses) == 1
+
+
+def test_text_of_a_driver_reaches_no_terminal_with_control_characters() -> None:
+    cell = Cell(START)
+    cell.move = lambda D: _raise(RuntimeError("\x1b]0;owned\x07 joint 3"))
+    message = run(cell).message
+    assert "joint 3" in message
+    assert message.isprintable()
+
+
+def test_a_robot_that_is_carried_away_after_the_image_is_not_commanded() -> None:
+    class Carried(Cell):
+        def read(self):
+            image = super().read()
+            self.poses[-1] = self.poses[-1] @ rigid_transform(np.eye(3), [0, 0.002, 0])
+            return image
+
+    cell = Carried(START)
+    result = run(cell)
+    assert (result.status, len(cell.poses)) == ("robot_fault", 1)
+    assert "was moved 2.00 mm" in result.message
+    assert np.isnan(result.remaining).all()
+
+
+def test_a_robot_that_is_carried_away_by_the_callback_is_not_commanded() -> None:
+    cell = Cell(START)
+
+    def on_step(step, image):
+        cell.poses[-1] = cell.poses[-1] @ rigid_transform(np.eye(3), [0, 0.002, 0])
+
+    result = Positioner(Oracle(cell), SHORT).run(cell, cell, on_step=on_step)
+    assert (result.status, len(cell.poses)) == ("robot_fault", 1)
+
+
+def test_a_robot_that_is_carried_away_from_the_reference_has_not_arrived() -> None:
+    class Carried(Cell):
+        def read(self):
+            image = super().read()
+            if len(self.poses) == 2:
+                self.poses[-1] = self.poses[-1] @ rigid_transform(np.eye(3), [0, 0.002, 0])
+            return image
+
+    cell = Carried(START)
+    assert run(cell, oracle=Oracle(cell)).status == "robot_fault"
+
+
+def test_the_encoder_may_tremble_while_the_robot_stands() -> None:
+    class Trembling(Cell):
+        @property
+        def pose(self):
+            return self.poses[-1] @ rigid_transform(np.eye(3), self.rng.normal(0, 1e-5, 3))
+
+    cell = Trembling(START)
+    assert run(cell).status == "converged"
+
+
+@pytest.mark.parametrize("status", ["converged", "max_moves", "abstained"])
+def test_the_robot_is_stopped_however_a_run_ends(status: str) -> None:
+    cell = Cell(START)
+    cell.stops = 0
+
+    def stop():
+        cell.stops += 1
+
+    cell.stop = stop
+    settings = replace(SHORT, max_moves=1 if status == "max_moves" else 12)
+    oracle = Oracle(cell, lambda p: 0.7 * p, novelty=3 if status == "abstained" else np.nan)
+    assert run(cell, oracle=oracle, settings=settings).status == status
+    assert cell.stops == 1
+
+
+def test_a_dry_run_does_not_stop_a_robot_that_it_never_moved() -> None:
+    cell = Cell(START)
+    cell.stop = lambda: _raise(AssertionError("stopped"))
+    result = Positioner(Oracle(cell), SHORT).run(cell, cell, dry_run=True)
+    assert result.status == "dry_run"
+
+
+CHILD = """
+import sys, time
+sys.path.insert(0, sys.argv[1])
+from planar import RANGES
+from planar_cell import Cell, Oracle
+from servoscope.positioning import Positioner
+
+class Slow(Cell):
+    def move(self, displacement):
+        print("moving", flush=True)
+        time.sleep(30)
+
+    def stop(self):
+        print("stopping", flush=True)
+        time.sleep(1)
+        print("stopped", flush=True)
+
+cell = Slow(0.5 * RANGES)
+print(Positioner(Oracle(cell)).run(cell, cell).status, flush=True)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+@pytest.mark.parametrize("first", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_second_signal_does_not_cut_stop_short(first: str) -> None:
+    here = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    said = []
+    with subprocess.Popen(
+        [sys.executable, "-c", CHILD, here], stdout=subprocess.PIPE, text=True
+    ) as child:
+        for line in child.stdout:
+            said.append(line.strip())
+            if said[-1] == "moving":
+                child.send_signal(getattr(signal, first))
+            if said[-1] == "stopping":
+                time.sleep(0.2)
+                child.send_signal(signal.SIGINT)
+                child.send_signal(signal.SIGTERM)
+    assert child.returncode == 0
+    assert said == ["moving", "stopping", "stopped", "interrupted"]
+
+
+def test_the_first_image_may_take_longer_than_the_others() -> None:
+    cell = Cell(START)
+    camera = FaultyCamera(cell, lambda c: c.cell.read())
+    read = camera.read
+
+    def slow_at_first():
+        if camera.n_read == 0:
+            time.sleep(0.3)
+        return read()
+
+    camera.read = slow_at_first
+    settings = LoopSettings(read_timeout_s=0.2, first_read_timeout_s=5)
+    assert run(cell, camera, settings=settings).status == "converged"
+    settings = LoopSettings(read_timeout_s=0.2, first_read_timeout_s=0.1)
+    camera.n_read = 0
+    assert run(Cell(START), camera, settings=settings).status == "camera_fault"

@@ -19,6 +19,14 @@ Log = Annotated[Path | None, arg(metavar="FOLDER", help="New folder to log the r
 Replay = Annotated[
     Path | None, arg(metavar="FOLDER", help="Show the images of a log to the model instead.")
 ]
+Tolerance = Annotated[
+    str,
+    arg(
+        metavar="DOF=VALUE,...",
+        help="Tolerances of single dofs about the pivot, such as tz=0.1mm,rz=0.02deg; t and r "
+        "stand for all three of a kind.",
+    ),
+]
 ConditionName = Annotated[
     str,
     arg(
@@ -35,8 +43,14 @@ def position(
     condition: ConditionName = "range_1.0",
     seed: int = 0,
     max_moves: int = 12,
-    tolerance_mm: float = 0.05,
-    tolerance_deg: float = 0.005,
+    tolerance_mm: float | None = None,
+    tolerance_deg: float | None = None,
+    tolerance: Tolerance = "",
+    repeatability_mm: float = 0.0,
+    repeatability_deg: float = 0.0,
+    read_timeout_s: float = 5.0,
+    first_read_timeout_s: float = 30.0,
+    move_timeout_s: float = 60.0,
     dry_run: bool = False,
     log: Log = None,
     replay: Replay = None,
@@ -53,10 +67,17 @@ def position(
         robot: Must be the one that took the images of training, which is the default.
         seed: Seed of the start and of the noise.
         max_moves: Moves after which it gives up.
-        tolerance_mm: Distance at which it is content.
-        tolerance_deg: Angle at which it is content.
+        tolerance_mm: Distance from the reference to get under; by default as near as the noise
+            and the robot allow.
+        tolerance_deg: Angle to get under.
+        repeatability_mm: How far from where it is sent the robot comes to rest, if that is known.
+        repeatability_deg: The same for its rotation.
+        read_timeout_s: How long an image may take.
+        first_read_timeout_s: How long the first image may take.
+        move_timeout_s: How long a move may take.
         dry_run: Look once and tell the move, without making it.
     """
+    from servoscope.assessment import parse_wishes
     from servoscope.commands.output import print_json
     from servoscope.positioning import LoopSettings, PositioningModel
     from servoscope.scoreboard.conditions import CONDITIONS
@@ -71,7 +92,15 @@ def position(
         print_json(facts) if json else _print_replayed(facts)
         return
     settings = LoopSettings(
-        max_moves=max_moves, tolerance_mm=tolerance_mm, tolerance_deg=tolerance_deg
+        max_moves=max_moves,
+        tolerance_mm=tolerance_mm,
+        tolerance_deg=tolerance_deg,
+        tolerances=parse_wishes(tolerance),
+        repeatability_mm=repeatability_mm,
+        repeatability_deg=repeatability_deg,
+        read_timeout_s=read_timeout_s,
+        first_read_timeout_s=first_read_timeout_s,
+        move_timeout_s=move_timeout_s,
     )
     cell = _simulated_cell(trained, robot, condition, seed)
     result, distances = _run(trained, cell, settings, dry_run, log)
@@ -81,7 +110,7 @@ def position(
         _print_run(result, distances)
     if result.status == "interrupted":
         raise KeyboardInterrupt
-    if result.status != "converged" and not dry_run:
+    if result.status not in ("converged", "dry_run"):
         raise ServoscopeError(f"{result.status}: {result.message}")
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.positioning.polynomials import differentiate_terms, evaluate_terms
+from servoscope.positioning.reference_view import similarity
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -69,6 +70,7 @@ class Alignment:
     p: Array
     covariance: Array
     unlikeness: float
+    similarity: float
 
 
 def align(
@@ -117,6 +119,7 @@ def align(
         p,
         _covariance(columns, residuals, weights, model.shape),
         float(np.median(np.abs(residuals)) / max(spread, 1e-6)),
+        similarity(seen.reshape(model.shape), expected.reshape(model.shape)),
     )
 
 

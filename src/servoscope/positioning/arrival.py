@@ -1,25 +1,97 @@
-"""When the camera has arrived."""
+"""When the camera has arrived, and when it can come no nearer."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from servoscope.poses import displacements_from_poses, pose_error, poses_from_displacements
+from servoscope.poses import (
+    DISPLAY_FACTORS,
+    DISPLAY_UNITS,
+    DOFS,
+    displacements_from_poses,
+    pose_error,
+    poses_from_displacements,
+)
 from servoscope.positioning.interfaces import Array, Estimate
-from servoscope.positioning.settings import LoopSettings
+from servoscope.positioning.reference_view import Comparison
+from servoscope.positioning.result import Step
+from servoscope.positioning.settings import NEAR_ENOUGH, LoopSettings
+
+_EQUAL_CELLS, _EQUAL_SHIFT, _EQUAL_SIGNIFICANCE = 0.9, 2e-3, 2.0
+_EQUAL_DIFFERENCE = 0.2
+_FLOOR_LOOKS = 4
+_FLOOR_SHRINKAGE = 0.7
 
 
-def is_within_tolerance(displacement: Array, settings: LoopSettings) -> bool:
-    """Whether a displacement (4, 4) is under the tolerances of distance and angle."""
-    distance, angle = pose_error(np.eye(4), displacement)
-    tolerance_m, tolerance_rad = settings.tolerance_mm / 1e3, np.radians(settings.tolerance_deg)
-    return bool(distance <= tolerance_m and angle <= tolerance_rad)
+class Reached(NamedTuple):
+    """Distance, angle and dofs in the units of the tolerances.
+
+    Parameters
+    ----------
+    mm, deg : float
+        Of the frame that the robot reports.
+    dofs : ndarray of shape (6,)
+        About the pivot, [mm] and [deg].
+    """
+
+    mm: float
+    deg: float
+    dofs: Array
+
+    @classmethod
+    def of_displacement(cls, displacement: Array, pivot: float) -> Reached:
+        """Of a displacement (4, 4), [m]."""
+        distance, angle = pose_error(np.eye(4), displacement)
+        delta_p = displacements_from_poses(np.eye(4), displacement[None], pivot)[0]
+        return cls(1e3 * float(distance), float(np.degrees(angle)), np.abs(delta_p) * _SHOWN)
+
+    @classmethod
+    def of_deviation(cls, std: Array, pivot: float) -> Reached:
+        """Of deviations about the pivot, (6,), [m] and [rad]; NaN where one is not known."""
+        position, rotation = std[:3], std[3:]
+        swing = pivot * np.array([rotation[1], rotation[0], 0.0])
+        mm = 1e3 * float(np.sqrt(np.sum(position**2 + swing**2)))
+        return cls(mm, float(np.degrees(np.sqrt(np.sum(rotation**2)))), std * _SHOWN)
+
+    def excess(self, settings: LoopSettings) -> str | None:
+        """What is above the tolerances that were asked for; None if nothing is."""
+        above = [
+            f"{got:.3g} {unit} of {what}, {wanted:g} {unit} asked for"
+            for got, wanted, what, unit in self._pairs(settings)
+            if not got <= wanted
+        ]
+        return above[0] if above else None
+
+    def _pairs(self, settings: LoopSettings) -> list[tuple[float, float, str, str]]:
+        pairs = []
+        if settings.tolerance_mm is not None:
+            pairs.append((self.mm, settings.tolerance_mm, "distance", "mm"))
+        if settings.tolerance_deg is not None:
+            pairs.append((self.deg, settings.tolerance_deg, "angle", "deg"))
+        for dof, wanted in settings.tolerances.items():
+            i = DOFS.index(dof)
+            pairs.append((float(self.dofs[i]), wanted, dof, DISPLAY_UNITS[i]))
+        return pairs
+
+
+_SHOWN = np.array(DISPLAY_FACTORS, dtype=float)
+
+
+def is_within_tolerance(displacement: Array, settings: LoopSettings, pivot: float = 0.0) -> bool:
+    """Whether a displacement (4, 4) is under the tolerances, or near enough where none is set."""
+    reached = Reached.of_displacement(displacement, pivot)
+    mm = NEAR_ENOUGH["mm"] if settings.tolerance_mm is None else settings.tolerance_mm
+    deg = NEAR_ENOUGH["deg"] if settings.tolerance_deg is None else settings.tolerance_deg
+    if settings.tolerances and settings.tolerance_mm is None and settings.tolerance_deg is None:
+        return reached.excess(settings) is None
+    return reached.mm <= mm and reached.deg <= deg and reached.excess(settings) is None
 
 
 def is_noise_only(estimates: Sequence[Estimate], pivot: float, settings: LoopSettings) -> bool:
-    """Whether the last two estimates, of one stage, tell nothing but noise.
+    """Whether the last two estimates, of one stage, hold nothing but noise.
 
     One is not enough: a coarse stage that sees nothing more may hand over to a finer one, and the
     move that it asks for brings the camera nearer still.
@@ -34,6 +106,107 @@ def is_noise_only(estimates: Sequence[Estimate], pivot: float, settings: LoopSet
     )
 
 
+def is_equal(comparison: Comparison) -> bool:
+    """Whether an image equals the reference to within noise.
+
+    Nearly all of the view shows what the reference shows, in the same grey levels, displaced by no
+    more than noise makes of no displacement at all.
+    """
+    return (
+        comparison.difference <= _EQUAL_DIFFERENCE
+        and comparison.matched >= _EQUAL_CELLS
+        and comparison.shift <= _EQUAL_SHIFT
+        and comparison.significance <= _EQUAL_SIGNIFICANCE
+    )
+
+
+def doubts(step: Step, settings: LoopSettings) -> list[str]:
+    """Why the camera may not have arrived though it seems so; empty if nothing speaks against it.
+
+    Returns
+    -------
+    list of str
+        What was found and what was needed.
+    """
+    found = []
+    seen = step.comparison
+    if not step.estimate.is_finest:
+        found.append(f"{step.estimate.stage} answered, which is not the finest stage")
+    if seen is not None and (clipped := clipping(seen.usable, settings)):
+        found.append(clipped)
+    if seen is not None and seen.matched < settings.least_matched:
+        found.append(
+            f"{seen.matched:.0%} of the view match the reference, and at least "
+            f"{settings.least_matched:.0%} must: free the view and check the part"
+        )
+    elif seen is not None and seen.shift > settings.largest_shift:
+        found.append(
+            f"the view is still displaced by {seen.shift:.2%} of its width, and at most "
+            f"{settings.largest_shift:.2%} are allowed"
+        )
+    return found
+
+
+def clipping(usable: float, settings: LoopSettings) -> str | None:
+    """Of an image with too many pixels that are clipped, though not in the reference."""
+    if usable >= settings.least_usable:
+        return None
+    return (
+        f"{1 - usable:.0%} of what the reference shows are clipped, and at most "
+        f"{1 - settings.least_usable:.0%} may be: check the exposure and the lights"
+    )
+
+
+def supports(estimate: Estimate, settings: LoopSettings, pivot: float) -> str | None:
+    """What of the believed deviation is above the tolerances asked for, None if nothing is.
+
+    An estimator that believes no deviation says nothing against them; the image has to match.
+    """
+    if not np.isfinite(estimate.std).any():
+        return None
+    std = np.where(np.isfinite(estimate.std), estimate.std, 0.0)
+    return Reached.of_deviation(std, pivot).excess(settings)
+
+
+def is_at_hand(displacement: Array, settings: LoopSettings) -> bool:
+    """Whether a displacement is no more than a robot may miss a move by."""
+    distance, angle = pose_error(np.eye(4), displacement)
+    limits = settings.execution_mm / 1e3, np.radians(settings.execution_deg)
+    return bool(distance <= limits[0] and angle <= limits[1])
+
+
+def is_displaced(comparison: Comparison) -> bool:
+    """Whether an image is displaced from another for certain, by a noticeable part of a pixel."""
+    return comparison.shift > _EQUAL_SHIFT / 4 and comparison.significance > 2 * _EQUAL_SIGNIFICANCE
+
+
+def scatter(steps: Sequence[Step], settings: LoopSettings, pivot: float) -> Array | None:
+    """The scatter of the last looks, once moving brings the camera no nearer.
+
+    Every move was meant to bring it to the reference. What is seen after it is the scatter of the
+    robot and the noise of the estimates. When four looks of the finest stage in a row do not
+    shrink, and none is farther than a robot may miss by, this is all there is.
+
+    Returns
+    -------
+    ndarray of shape (6,) or None
+        Root mean square of the believed displacements about the pivot, [m] and [rad]; None while
+        the camera still comes nearer.
+    """
+    last = [step.estimate for step in steps[-_FLOOR_LOOKS:]]
+    if len(last) < _FLOOR_LOOKS or not all(
+        estimate.is_finest and is_at_hand(estimate.displacement, settings) for estimate in last
+    ):
+        return None
+    displacements = np.stack([estimate.displacement for estimate in last])
+    distances, angles = pose_error(np.eye(4), displacements)
+    sizes = np.hypot(distances, pivot * angles)
+    if sizes[2:].max() < _FLOOR_SHRINKAGE * sizes[:2].max():
+        return None
+    delta_p = displacements_from_poses(np.eye(4), displacements[1:], pivot)
+    return np.asarray(np.sqrt(np.mean(delta_p**2, axis=0)))
+
+
 def _is_noise(estimate: Estimate, pivot: float, settings: LoopSettings) -> bool:
     """Whether what is believed is no more than noise.
 
@@ -41,7 +214,7 @@ def _is_noise(estimate: Estimate, pivot: float, settings: LoopSettings) -> bool:
     estimate before: by 1.4 deviations, where only noise is left.
     """
     delta_p = displacements_from_poses(np.eye(4), estimate.displacement[None], pivot)[0]
-    std = np.hypot(estimate.std, _repeatability(pivot, settings))
+    std = np.hypot(estimate.std, settings.repeatability(pivot))
     known = np.isfinite(std) & (std > 0)
     if not known.any():
         return False
@@ -49,12 +222,5 @@ def _is_noise(estimate: Estimate, pivot: float, settings: LoopSettings) -> bool:
         return False
     significant = np.where(known, 0.0, delta_p)
     return is_within_tolerance(
-        poses_from_displacements(np.eye(4), significant[None], pivot)[0], settings
+        poses_from_displacements(np.eye(4), significant[None], pivot)[0], settings, pivot
     )
-
-
-def _repeatability(pivot: float, settings: LoopSettings) -> Array:
-    """What the robot's own scatter makes of each dof about the pivot, (6,), [m] and [rad]."""
-    position, rotation = settings.repeatability_mm / 1e3, np.radians(settings.repeatability_deg)
-    sideways = np.hypot(position, pivot * rotation)
-    return np.array([sideways, sideways, position, rotation, rotation, rotation])

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import signal
 import threading
 import time
 from collections.abc import Callable
+from types import FrameType, TracebackType
 from typing import Any, TypeVar
 
 from servoscope.poses import inverse_transform
-from servoscope.positioning.guard import execution_fault, image_format_fault, is_finite_rigid
+from servoscope.positioning.guard import (
+    execution_fault,
+    image_format_fault,
+    is_finite_rigid,
+    standing_fault,
+)
 from servoscope.positioning.interfaces import Array, Camera, Image, Robot
 from servoscope.positioning.settings import LoopSettings
 
@@ -17,6 +24,9 @@ T = TypeVar("T")
 _LONGEST_WAIT = 0.1
 """Ctrl-C may not be heard while a thread is waited for, so that this is never done for long."""
 
+_LONGEST_STOP = 10.0
+"""A stop() that takes longer than this is given up, [s]."""
+
 
 class RunEnded(Exception):
     """The end of a run, with its status and the reason in one line."""
@@ -24,6 +34,53 @@ class RunEnded(Exception):
     def __init__(self, status: str, reason: str) -> None:
         super().__init__(reason)
         self.status = status
+
+
+class Interruption:
+    """Signals to end, heard once: the first raises KeyboardInterrupt, later ones change nothing.
+
+    So a second Ctrl-C cannot cut short what the first one began. Signals with a handler of the
+    caller's own, and threads other than the main one, are left as they are.
+
+    Examples
+    --------
+    >>> with Interruption() as interruption:
+    ...     interruption.hold()
+    ...     signal.raise_signal(signal.SIGINT)  # changes nothing any more
+    """
+
+    def __init__(self) -> None:
+        self._is_held = False
+        self._before: dict[int, Any] = {}
+
+    def hold(self) -> None:
+        """From now on no signal is heard."""
+        self._is_held = True
+
+    def __enter__(self) -> Interruption:
+        if threading.current_thread() is threading.main_thread():
+            for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK"):
+                number = getattr(signal, name, None)
+                if number is not None and signal.getsignal(number) in _DEFAULT_HANDLERS:
+                    self._before[number] = signal.signal(number, self._hear)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _hear(self, number: int, frame: FrameType | None) -> None:
+        if not self._is_held:
+            self.hold()
+            raise KeyboardInterrupt(signal.Signals(number).name)
+
+
+_DEFAULT_HANDLERS = (signal.SIG_DFL, signal.default_int_handler)
 
 
 class WatchedCamera:
@@ -42,24 +99,32 @@ class WatchedCamera:
     ) -> None:
         self._camera = camera
         self._image_shape = image_shape
-        self._timeout = settings.read_timeout_s
+        waits = settings.read_timeout_s is not None
+        self._timeout = settings.first_read_timeout_s if waits else None
+        self._later_timeout = settings.read_timeout_s
 
     def read(self) -> Image:
         """A new image of the right kind and size."""
         try:
             image = call_within(self._timeout, self._camera.read)
+        except KeyboardInterrupt:
+            raise
         except TimeoutError as error:
-            reason = f"The camera gave no image ({one_line(error)}); see that it is connected."
+            reason = (
+                f"The camera gave no image ({one_line(error)}); see that it is connected, or allow "
+                "it more time."
+            )
             raise RunEnded("camera_fault", reason) from error
-        except Exception as error:
+        except BaseException as error:
             raise RunEnded("camera_fault", f"The camera failed: {one_line(error)}") from error
+        self._timeout = self._later_timeout
         if fault := image_format_fault(image, self._image_shape):
             raise RunEnded("camera_fault", fault)
         return image.copy()
 
 
 class WatchedRobot:
-    """A robot whose failures are faults of the robot, and which is stopped after one.
+    """A robot whose failures are faults of the robot.
 
     Parameters
     ----------
@@ -71,63 +136,80 @@ class WatchedRobot:
     ----------
     moves : int
         Moves that it completed.
+    is_lost : bool
+        Whether it may stand elsewhere than where it was last seen from: a move was commanded that
+        it has not completed, or it moved without a command.
     """
 
     def __init__(self, robot: Robot, settings: LoopSettings) -> None:
         self._robot = robot
         self._settings = settings
         self.moves = 0
+        self.is_lost = False
 
     @property
     def pose(self) -> Array:
-        """``T_world_cam`` as it believes it, (4, 4), [m]."""
+        """``T_world_cam`` as it reports it, (4, 4), [m]."""
         try:
             pose = call_within(self._settings.read_timeout_s, lambda: self._robot.pose)
-        except Exception as error:
-            raise self._fault(f"The robot does not tell its pose: {one_line(error)}") from error
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            raise _fault(f"The robot does not report its pose: {one_line(error)}") from error
         if not is_finite_rigid(pose):
-            raise self._fault(
-                f"The robot must tell its pose as a finite rigid (4, 4) array, but told "
+            raise _fault(
+                f"The robot must report its pose as a finite rigid (4, 4) array, but reported "
                 f"{one_line(pose)}; see that it is referenced."
             )
         return pose.copy()
 
-    def move(self, displacement: Array) -> Array:
-        """Move by a displacement, and see that this is what it did."""
-        before = self.pose
+    def check_standing(self, T_world_cam: Array) -> None:
+        """End the run if it is no longer where it was when the image was taken."""
+        if fault := standing_fault(T_world_cam, self.pose, self._settings):
+            self.is_lost = True
+            raise _fault(fault)
+
+    def move(self, displacement: Array, T_world_cam: Array) -> Array:
+        """Move by a displacement from a pose, if it is there, and see that this is what it did."""
+        self.check_standing(T_world_cam)
+        self.is_lost = True
         try:
             executed = call_within(
                 self._settings.move_timeout_s, lambda: self._robot.move(displacement.copy())
             )
+        except KeyboardInterrupt:
+            raise
         except TimeoutError as error:
-            reason = f"The robot did not finish the move ({one_line(error)})."
-            raise self._fault(reason) from error
-        except Exception as error:
-            raise self._fault(f"The robot did not move: {one_line(error)}") from error
+            raise _fault(f"The robot did not finish the move ({one_line(error)}).") from error
+        except BaseException as error:
+            raise _fault(f"The robot did not move: {one_line(error)}") from error
         if not is_finite_rigid(executed):
-            raise self._fault(
-                "The robot must tell the executed displacement as a finite rigid (4, 4) array, "
-                f"but told {one_line(executed)}."
+            raise _fault(
+                "The robot must report the executed displacement as a finite rigid (4, 4) array, "
+                f"but reported {one_line(executed)}."
             )
-        for motion in (executed, inverse_transform(before) @ self.pose):
+        for motion in (executed, inverse_transform(T_world_cam) @ self.pose):
             if fault := execution_fault(displacement, motion, self._settings):
-                raise self._fault(fault)
+                raise _fault(fault)
+        self.is_lost = False
         self.moves += 1
         return executed.copy()
 
     def stop(self) -> str:
         """Stop the robot, if it can be; what came of it in a few words, for a message."""
-        stop = getattr(self._robot, "stop", None)
-        if stop is None:
-            return "It offers no stop(), and may still be moving."
         try:
-            call_within(self._settings.read_timeout_s, stop)
-        except Exception as error:
+            stop = getattr(self._robot, "stop", None)
+            if stop is None:
+                return "It offers no stop(), and may still be moving."
+            timeout = self._settings.move_timeout_s
+            call_within(None if timeout is None else _LONGEST_STOP, stop)
+        except BaseException as error:
             return f"Its stop() failed: {one_line(error)}"
         return "It was stopped."
 
-    def _fault(self, reason: str) -> RunEnded:
-        return RunEnded("robot_fault", f"{reason} {self.stop()}")
+
+def _fault(reason: str) -> RunEnded:
+    return RunEnded("robot_fault", reason)
 
 
 def call_within(seconds: float | None, call: Callable[[], T]) -> T:
@@ -159,6 +241,13 @@ def call_within(seconds: float | None, call: Callable[[], T]) -> T:
 
 
 def one_line(value: object, longest: int = 200) -> str:
-    """A value, or the message of an exception, in one line; its kind if it says nothing."""
-    text = " ".join(str(value).split()) or type(value).__name__
+    """A value, or the message of an exception, in one line that any terminal can show.
+
+    An exception without a message, or whose message cannot be had, is named by its kind.
+    """
+    try:
+        text = " ".join(str(value).split())
+    except BaseException:
+        text = ""
+    text = "".join(c if c.isprintable() else "?" for c in text) or type(value).__name__
     return text if len(text) <= longest else text[: longest - 3] + "..."

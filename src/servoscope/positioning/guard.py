@@ -31,6 +31,9 @@ LEAST_CONTRAST = 0.1
 NOTICEABLE = 0.01
 """Share of the reach that a motion must have for the image to change for certain."""
 
+STANDING_M, STANDING_RAD = 1e-4, float(np.radians(0.02))
+"""Changes of the reported pose up to this are no motion, whatever the repeatability."""
+
 
 def image_format_fault(image: Any, image_shape: tuple[int, int]) -> str | None:
     """Of anything but a uint8 array of the shape that the estimator takes."""
@@ -96,15 +99,33 @@ def frozen_fault(moved: Array, reach: Array, pivot: float) -> str | None:
     )
 
 
-def estimate_fault(estimate: Estimate, novelty_limit: float) -> str | None:
-    """Of an estimate that is none, or of an image unlike the training images."""
+def estimate_fault(estimate: Any) -> str | None:
+    """Of what an estimator returns, if it is no estimate."""
+    if not isinstance(estimate, Estimate):
+        return f"The estimator must return an Estimate, but returned {type(estimate).__name__}."
     if not is_finite_rigid(estimate.displacement):
-        return "The estimator gave no rigid displacement; nothing can be told from this image."
-    if estimate.novelty > novelty_limit:
+        return "The estimator gave no rigid displacement; nothing can be said of this image."
+    if np.shape(estimate.std) != (6,):
+        return f"The estimator must give six deviations, but gave {np.shape(estimate.std)}."
+    return None
+
+
+def novelty_fault(estimate: Estimate, settings: LoopSettings) -> str | None:
+    """Of an image unlike the training images, or unlike what is expected where it was taken."""
+    advice = (
+        "see that the part, its place, the lights and the lens are those of training, or train "
+        "with these."
+    )
+    if estimate.novelty > settings.novelty_limit:
         return (
             f"The image is unlike the training images, {estimate.novelty:.2f} where at most "
-            f"{novelty_limit:.2f} is allowed; see that the part, its place, the lights and the "
-            "lens are those of training, or train with these."
+            f"{settings.novelty_limit:.2f} is allowed; {advice}"
+        )
+    if estimate.similarity < settings.least_similarity:
+        return (
+            "The image is unlike the training images: its similarity with what is expected is "
+            f"{estimate.similarity:.2f}, and at least {settings.least_similarity:.2f} is needed; "
+            f"{advice}"
         )
     return None
 
@@ -120,7 +141,20 @@ def workspace_fault(T_start: Array, T_next: Array, half_widths: Array) -> str | 
     return (
         f"The next move would carry {DOFS[worst]} {shown * offset[worst]:.1f} "
         f"{DISPLAY_UNITS[worst]} from the start, and {shown * half_widths[worst]:.1f} is the "
-        "most; start nearer to the reference, or widen the workspace margin."
+        "most; start nearer to the reference."
+    )
+
+
+def standing_fault(T_before: Array, T_now: Array, settings: LoopSettings) -> str | None:
+    """Of a robot that has moved though nothing was commanded."""
+    moved = inverse_transform(T_before) @ T_now
+    distance, angle = (float(x) for x in pose_error(np.eye(4), moved))
+    scatter_m, scatter_rad = settings.repeatability_mm / 1e3, np.radians(settings.repeatability_deg)
+    if distance <= max(3 * scatter_m, STANDING_M) and angle <= max(3 * scatter_rad, STANDING_RAD):
+        return None
+    return (
+        f"The robot was moved {as_text(moved)} since the image was taken, though no move was "
+        "commanded, and none is from there; see that nothing else moves it, and start again."
     )
 
 
@@ -135,7 +169,7 @@ def execution_fault(commanded: Array, executed: Array, settings: LoopSettings) -
         return None
     return (
         f"The robot was to move {as_text(commanded)} and moved {as_text(executed)}; see what "
-        "holds it back, and that it tells its pose in the frame that it moves in."
+        "holds it back, and that it reports its pose in the frame that it moves in."
     )
 
 

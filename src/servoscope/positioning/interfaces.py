@@ -22,6 +22,9 @@ class Camera(Protocol):
 class Robot(Protocol):
     """Anything that carries the camera.
 
+    A robot may also offer ``stop()``, which is called at the end of every run that may have moved
+    it: it must be safe to call while the robot stands.
+
     The frame that is told and moved may be the camera's or the flange's, as long as it is the one
     of the training poses. Where the camera sits in it need not be known.
     """
@@ -67,8 +70,10 @@ class Estimate:
     stage : str
         What answered, such as ``"coarse"`` or ``"fine"``.
     is_finest : bool
-        Whether no other stage could tell more exactly; only then can the camera be as close as
-        the noise allows.
+        Whether no other stage could be more exact; only then can the camera have arrived.
+    similarity : float
+        Typical normalised correlation, cell by cell, of the image with what is expected at the
+        displacement: 1 for the same, 0 for unrelated images; NaN where it is not known.
     """
 
     displacement: Array
@@ -76,6 +81,7 @@ class Estimate:
     novelty: float
     stage: str
     is_finest: bool = True
+    similarity: float = float("nan")
 
     @property
     def distance(self) -> float:

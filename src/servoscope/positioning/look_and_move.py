@@ -6,10 +6,9 @@ from os import PathLike
 
 from servoscope.errors import InvalidInputError
 from servoscope.positioning import guard
-from servoscope.positioning.devices import RunEnded
-from servoscope.positioning.image_error import reference_thumbnail
 from servoscope.positioning.interfaces import Camera, Estimator, Robot
 from servoscope.positioning.model import PositioningModel
+from servoscope.positioning.reference_view import ReferenceView
 from servoscope.positioning.result import PositioningResult
 from servoscope.positioning.run import OnStep, Run
 from servoscope.positioning.settings import LoopSettings
@@ -60,7 +59,7 @@ class Positioner:
         reference = estimator.reference_image
         if reason := guard.image_format_fault(reference, estimator.image_shape):
             raise InvalidInputError(f"The reference image does not fit. {reason}")
-        reference_thumbnail(reference)
+        ReferenceView(reference)
 
     @classmethod
     def load(cls, folder: str | PathLike[str], settings: LoopSettings | None = None) -> Positioner:
@@ -83,8 +82,9 @@ class Positioner:
     ) -> PositioningResult:
         """Look and move until the camera is at the reference, or a reason not to go on.
 
-        The robot stands still when this returns, whatever happened; a robot that offers
-        ``stop()`` is stopped by it after a fault of its own or Ctrl-C.
+        A robot that offers ``stop()`` is stopped at the end, however the run ended; only a dry
+        run, in which nothing was commanded, leaves it alone. After `diverged` and `max_moves` the
+        robot first drives back the way it came to the best view seen, if that was better.
 
         Parameters
         ----------
@@ -99,12 +99,7 @@ class Positioner:
         Returns
         -------
         PositioningResult
-            Faults of the camera, the robot or the estimator are told in it, never raised.
+            Faults of the camera, the robot, the estimator or `on_step`, Ctrl-C and SIGTERM are
+            reported in it, never raised.
         """
-        run = Run(self.estimator, self.settings, robot, camera, on_step)
-        try:
-            run.approach(dry_run)
-        except RunEnded as end:
-            return run.result(end.status, str(end))
-        except KeyboardInterrupt:
-            return run.result("interrupted", f"Interrupted by the user. {run.robot.stop()}")
+        return Run(self.estimator, self.settings, robot, camera, on_step).until_end(dry_run)

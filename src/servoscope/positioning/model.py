@@ -26,6 +26,9 @@ _HOLD = 0.8
 _TRUST = 3.0
 """The widest level is believed as far from the networks as this many of their RMS errors."""
 
+_CERTAIN = 0.98
+"""The widest level is believed however far from the networks, where its similarity is this."""
+
 
 @dataclass(frozen=True, eq=False)
 class LevelEstimate(Estimate):
@@ -109,7 +112,8 @@ class PositioningModel:
         level = self.levels[0]
         alignment = level.align(image, guess)
         answer = self._answer(0, alignment)
-        if (np.abs(level.displacement(alignment) - guess) <= _TRUST * doubt).all():
+        is_near = (np.abs(level.displacement(alignment) - guess) <= _TRUST * doubt).all()
+        if is_near or alignment.similarity >= _CERTAIN:
             return answer
         return replace(
             answer,
@@ -142,6 +146,7 @@ class PositioningModel:
             novelty=alignment.unlikeness / level.unlikeness_limit,
             stage=f"level {number + 1} of {len(self.levels)}",
             is_finest=number == len(self.levels) - 1,
+            similarity=alignment.similarity,
             level=number,
             p=p,
         )

@@ -9,18 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.positioning.interfaces import Estimate
+from servoscope.positioning.reference_view import Comparison
 
 Array = NDArray[np.float64]
 
 STATUSES = (
     "converged",
+    "limited",
     "max_moves",
     "abstained",
     "diverged",
+    "inconsistent",
     "out_of_workspace",
     "robot_fault",
     "camera_fault",
+    "callback_fault",
     "interrupted",
+    "dry_run",
 )
 """How a run may end."""
 
@@ -43,6 +48,8 @@ class Step:
         Displacement that it made, as it says; None if it made none or does not say.
     seconds : float
         From the image to the command, without the camera's and the robot's own time.
+    comparison : Comparison or None
+        With the reference, cell by cell; None in a log that does not hold it.
     """
 
     pose: Array
@@ -51,6 +58,7 @@ class Step:
     commanded: Array | None
     executed: Array | None
     seconds: float
+    comparison: Comparison | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The step as plain JSON values; NaN becomes None."""
@@ -59,11 +67,16 @@ class Step:
             "image_error": plain(self.image_error),
             "stage": self.estimate.stage,
             "novelty": plain(self.estimate.novelty),
+            "similarity": plain(self.estimate.similarity),
+            "is_finest": self.estimate.is_finest,
             "displacement": plain(self.estimate.displacement),
             "std": plain(self.estimate.std),
             "commanded": plain(self.commanded),
             "executed": plain(self.executed),
             "seconds": plain(self.seconds),
+            "reference": None
+            if self.comparison is None
+            else {k: plain(v) for k, v in self.comparison._asdict().items()},
         }
 
 

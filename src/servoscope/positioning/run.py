@@ -5,23 +5,32 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NoReturn
 
 import numpy as np
 
 from servoscope.poses import displacements_from_poses, inverse_transform
-from servoscope.positioning import guard
-from servoscope.positioning.arrival import is_noise_only, is_within_tolerance
-from servoscope.positioning.devices import RunEnded, WatchedCamera, WatchedRobot, one_line
+from servoscope.positioning import arrival, guard
+from servoscope.positioning.consistency import CAUSES, LATE, Innovation, innovation
+from servoscope.positioning.devices import (
+    Interruption,
+    RunEnded,
+    WatchedCamera,
+    WatchedRobot,
+    one_line,
+)
 from servoscope.positioning.guard import as_text
-from servoscope.positioning.image_error import image_error, reference_thumbnail, thumbnail
 from servoscope.positioning.interfaces import Array, Camera, Estimate, Estimator, Image, Robot
+from servoscope.positioning.reference_view import ReferenceView
 from servoscope.positioning.result import PositioningResult, Step
 from servoscope.positioning.settings import LoopSettings
 
 OnStep = Callable[[Step, Image], object]
 
 _RETURNING = ("diverged", "max_moves")
+_MOST_UNCONFIRMED = 2
+_FAR = 0.1
+_ARRIVED = ("converged", "limited")
+_STOP_IS_REPORTED = ("robot_fault", "interrupted")
 
 
 class Run:
@@ -50,28 +59,55 @@ class Run:
         self.robot = WatchedRobot(robot, settings)
         self.camera = WatchedCamera(camera, estimator.image_shape, settings)
         self.on_step = on_step
-        self.reference = reference_thumbnail(estimator.reference_image)
+        self.reference = ReferenceView(estimator.reference_image)
         self.steps: list[Step] = []
         self.returned_to: int | None = None
-        self.is_moving = False
+        self._moved_after: Step | None = None
+        self._contradicted_by: str | None = None
+        self._is_late = False
+        self._n_unconfirmed = 0
         self._last_change: tuple[Image, Array] | None = None
 
-    def approach(self, dry_run: bool) -> NoReturn:
-        """Look and move until `RunEnded` says why no longer."""
+    def until_end(self, dry_run: bool) -> PositioningResult:
+        """Look and move until there is a reason not to, stop the robot, and say how it ended."""
+        with Interruption() as interruption:
+            try:
+                self._approach(dry_run)
+            except RunEnded as end:
+                interruption.hold()
+                status, message = end.status, str(end)
+            except (KeyboardInterrupt, SystemExit, GeneratorExit) as end:
+                interruption.hold()
+                status, message = "interrupted", f"Interrupted{_by_whom(end)}."
+            except BaseException:
+                interruption.hold()
+                self.robot.stop()
+                raise
+            if not dry_run or status in _STOP_IS_REPORTED:
+                stopped = self.robot.stop()
+                if status in _STOP_IS_REPORTED or "failed" in stopped:
+                    message = f"{message} {stopped}"
+        return self._result(status, message)
+
+    def _approach(self, dry_run: bool) -> None:
         try:
             while True:
                 commanded = self._look()
+                if commanded is None:
+                    continue
                 if dry_run:
-                    raise RunEnded("max_moves", _dry_run_message(commanded))
-                executed = self._move(commanded)
+                    raise RunEnded("dry_run", _dry_run_message(commanded))
+                self._moved_after, self._contradicted_by = self.steps[-1], None
+                executed = self.robot.move(commanded, self.steps[-1].pose)
                 self.steps[-1] = replace(self.steps[-1], executed=executed)
         except RunEnded as end:
             if end.status in _RETURNING and not dry_run:
                 self._return_to_best()
             raise
 
-    def result(self, status: str, message: str) -> PositioningResult:
-        """The run so far, ended with a status."""
+    def _result(self, status: str, message: str) -> PositioningResult:
+        if self._is_late:
+            message += " The camera gave images late, so that two were taken for each."
         if self.returned_to is not None:
             message += f" The robot went back to the best pose seen, look {self.returned_to + 1}."
         remaining, std = self._belief()
@@ -79,27 +115,64 @@ class Run:
             status, message, self.robot.moves, remaining, std, tuple(self.steps), self.returned_to
         )
 
-    def _look(self) -> Array:
-        """Take an image and decide; what comes back is the move to make."""
+    def _look(self) -> Array | None:
+        """Take an image and decide: the move to make, or None to look again from here."""
         pose = self.robot.pose
+        if self._is_late:
+            self.camera.read()
         image = self.camera.read()
         start = time.perf_counter()
         self._check_image(image, pose)
-        error = image_error(thumbnail(image), self.reference)
-        self.steps.append(Step(pose, error, self._estimate(image), None, None, np.nan))
+        comparison, error = self.reference.compare(image), self.reference.error(image)
+        estimate = self._estimate(image)
+        self.steps.append(Step(pose, error, estimate, None, None, np.nan, comparison))
         decision = self._decision()
+        if isinstance(decision, RunEnded) and decision.status in _ARRIVED:
+            decision = self._confirmed(decision, image)
         commanded = None if isinstance(decision, RunEnded) else decision
         seconds = time.perf_counter() - start
         self.steps[-1] = replace(self.steps[-1], commanded=commanded, seconds=seconds)
-        if self.on_step is not None:
-            self.on_step(self.steps[-1], image)
+        self._report(image)
+        self.robot.check_standing(pose)
         if isinstance(decision, RunEnded):
             raise decision
         return decision
 
+    def _confirmed(self, arrived: RunEnded, image: Image) -> RunEnded | None:
+        """The end of a run if a second image from the same pose shows the same.
+
+        A late camera first shows where the robot was before. Where the images differ two are
+        taken from then on.
+        """
+        moved = ReferenceView(image).compare(self.camera.read())
+        if not arrival.is_displaced(moved):
+            return arrived
+        self._is_late = True
+        self._n_unconfirmed += 1
+        if self._n_unconfirmed < _MOST_UNCONFIRMED:
+            return None
+        reason = (
+            f"Two images from the same pose are displaced by {moved.shift:.2%} of their width; see "
+            "that nothing moves in the view, and that the camera gives new images."
+        )
+        return RunEnded("abstained", reason)
+
+    def _report(self, image: Image) -> None:
+        if self.on_step is None:
+            return
+        try:
+            self.on_step(self.steps[-1], image)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            reason = f"on_step failed: {type(error).__name__}: {one_line(error)}"
+            raise RunEnded("callback_fault", reason) from error
+
     def _check_image(self, image: Image, pose: Array) -> None:
         if reason := guard.exposure_fault(image, self.estimator.reference_image):
             raise RunEnded("camera_fault", reason)
+        if reason := arrival.clipping(self.reference.usable(image), self.settings):
+            raise RunEnded("camera_fault", f"Of the image {reason}.")
         if self._last_change is not None and np.array_equal(image, self._last_change[0]):
             moved = inverse_transform(self._last_change[1]) @ pose
             if reason := guard.frozen_fault(moved, self.estimator.reach, self.estimator.pivot):
@@ -110,37 +183,129 @@ class Run:
     def _estimate(self, image: Image) -> Estimate:
         previous = self.steps[-1].estimate if self.steps else None
         try:
-            return self.estimator.estimate(image, previous)
-        except Exception as error:
+            estimate = self.estimator.estimate(image, previous)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             reason = f"The estimator failed: {type(error).__name__}: {one_line(error)}"
             raise RunEnded("abstained", reason) from error
+        if fault := guard.estimate_fault(estimate):
+            raise RunEnded("abstained", fault)
+        return estimate
 
-    def _decision(self) -> Array | RunEnded:
-        """The move that the last step asks for, or why none is to be made."""
-        estimate, settings = self.steps[-1].estimate, self.settings
-        if reason := guard.estimate_fault(estimate, settings.novelty_limit):
-            return RunEnded("abstained", reason)
-        errors = [step.image_error for step in self.steps]
-        if guard.is_diverging(errors, settings.growth):
-            return RunEnded("diverged", _divergence_message(errors))
-        believed = [step.estimate.distance for step in self.steps]
-        if not estimate.is_finest and guard.is_wandering(believed, int(settings.patience)):
-            return RunEnded("diverged", _wandering_message(estimate, settings))
-        if arrived := self._arrival(estimate):
+    def _decision(self) -> Array | RunEnded | None:
+        """The move that the last step asks for, why none is to be made, or None to look again."""
+        step, settings = self.steps[-1], self.settings
+        novelty = guard.novelty_fault(step.estimate, settings)
+        if found := self._contradiction(is_novel=novelty is not None):
+            if self._contradicted_by is not None:
+                return RunEnded("inconsistent", _contradiction_message(found, step.estimate))
+            self._contradicted_by = found.cause
+            return None
+        self._is_late = self._is_late or self._contradicted_by == LATE
+        decision = RunEnded("abstained", novelty) if novelty else self._next()
+        ending = decision.status if isinstance(decision, RunEnded) else None
+        is_doubtful = ending not in (None, *_ARRIVED) or (ending is None and self._is_far())
+        if is_doubtful and self._equals_reference():
+            return RunEnded("converged", f"Converged {self._there()} {_EQUAL}")
+        return decision
+
+    def _next(self) -> Array | RunEnded | None:
+        """The move from a view that is recognised, or why none is to be made."""
+        if arrived := self._arrival():
             return arrived
-        if self.robot.moves >= settings.max_moves:
-            return RunEnded("max_moves", _max_moves_message(estimate, settings))
-        return self._next_move(estimate)
+        if diverged := self._divergence():
+            return RunEnded("diverged", diverged)
+        if self.robot.moves >= self.settings.max_moves:
+            reason = _max_moves_message(self.steps, self.settings) + self._hindrances()
+            return RunEnded("max_moves", reason)
+        return self._next_move(self.steps[-1].estimate)
 
-    def _arrival(self, estimate: Estimate) -> RunEnded | None:
-        moves = "1 move" if self.robot.moves == 1 else f"{self.robot.moves} moves"
-        there = f"after {moves}, believed {as_text(estimate.displacement)} away."
-        if is_within_tolerance(estimate.displacement, self.settings):
-            return RunEnded("converged", f"Converged {there}")
-        estimates = [step.estimate for step in self.steps]
-        if is_noise_only(estimates, self.estimator.pivot, self.settings):
-            return RunEnded("converged", f"As close as the noise allows {there}")
+    def _contradiction(self, is_novel: bool) -> Innovation | None:
+        """How the view did not follow the last move; None if it did, or that cannot be judged.
+
+        A view that is not recognised has not followed it only if a fault explains what is seen.
+        """
+        before, after = self._moved_after, self.steps[-1]
+        largest = self.settings.largest_innovation
+        if before is None or largest is None:
+            return None
+        moved = inverse_transform(before.pose) @ after.pose
+        pivot, reach = self.estimator.pivot, self.estimator.reach
+        found = innovation(
+            before.estimate,
+            moved,
+            after.estimate,
+            pivot=pivot,
+            reach=reach,
+            robot_std=self.settings.allowed_miss(pivot) / 4,
+        )
+        return found if found.contradicts(largest) and (found.fits or not is_novel) else None
+
+    def _equals_reference(self) -> bool:
+        comparison = self.steps[-1].comparison
+        return comparison is not None and arrival.is_equal(comparison)
+
+    def _is_far(self) -> bool:
+        """Whether a stage that is not the finest believes the camera far from the reference."""
+        estimate, reach = self.steps[-1].estimate, self.estimator.reach
+        pivot = self.estimator.pivot
+        delta_p = displacements_from_poses(np.eye(4), estimate.displacement[None], pivot)[0]
+        return not estimate.is_finest and bool((np.abs(delta_p) > _FAR * reach).any())
+
+    def _arrival(self) -> RunEnded | None:
+        """The end of a run that has arrived, or can come no nearer."""
+        settings, pivot = self.settings, self.estimator.pivot
+        estimate, estimates = self.steps[-1].estimate, [step.estimate for step in self.steps]
+        excess = arrival.supports(estimate, settings, pivot)
+        is_within = arrival.is_within_tolerance(estimate.displacement, settings, pivot)
+        is_there = is_within and excess is None
+        allowed_by, note = "the noise", ""
+        if not is_there and not arrival.is_noise_only(estimates, pivot, settings):
+            scatter = arrival.scatter(self.steps, settings, pivot)
+            if scatter is None:
+                return None
+            rest = arrival.Reached.of_deviation(scatter, pivot)
+            allowed_by = "the robot"
+            note = (
+                f" It comes to rest {rest.mm:.2f} mm and {rest.deg:.3f} deg from where it is sent."
+            )
+        if found := arrival.doubts(self.steps[-1], settings):
+            return self._unconfirmed(found) if is_within else None
+        if is_there:
+            return RunEnded("converged", f"Converged {self._there()}")
+        reached = arrival.Reached.of_displacement(estimate.displacement, pivot)
+        near = f"As near as {allowed_by} allows {self._there()}{note}"
+        if above := reached.excess(settings) or excess:
+            return RunEnded("limited", f"{near} The tolerance is not met: {above}.")
+        return RunEnded("converged", near)
+
+    def _unconfirmed(self, found: list[str]) -> RunEnded | None:
+        """The end of a run that seemed twice to have arrived, with something against it."""
+        self._n_unconfirmed += 1
+        if self._n_unconfirmed < _MOST_UNCONFIRMED:
+            return None
+        there = as_text(self.steps[-1].estimate.displacement)
+        return RunEnded("abstained", f"Believed {there} away, but unconfirmed: {'; '.join(found)}.")
+
+    def _divergence(self) -> str | None:
+        errors = [step.image_error for step in self.steps]
+        if guard.is_diverging(errors, self.settings.growth):
+            return _divergence_message(errors)
+        estimate, patience = self.steps[-1].estimate, int(self.settings.patience)
+        believed = [step.estimate.distance for step in self.steps]
+        if not estimate.is_finest and guard.is_wandering(believed, patience):
+            return _wandering_message(estimate, self.settings) + self._hindrances()
         return None
+
+    def _hindrances(self) -> str:
+        """What of the last image keeps the camera from arriving, as an end of a message."""
+        found = arrival.doubts(self.steps[-1], self.settings)
+        return f" At the last image {'; '.join(found)}." if found else ""
+
+    def _there(self) -> str:
+        moves = "1 move" if self.robot.moves == 1 else f"{self.robot.moves} moves"
+        return f"after {moves}, believed {as_text(self.steps[-1].estimate.displacement)} away."
 
     def _next_move(self, estimate: Estimate) -> Array | RunEnded:
         reach, pivot = self.estimator.reach, self.estimator.pivot
@@ -153,12 +318,6 @@ class Run:
             return RunEnded("out_of_workspace", reason)
         return commanded
 
-    def _move(self, commanded: Array) -> Array:
-        self.is_moving = True
-        executed = self.robot.move(commanded)
-        self.is_moving = False
-        return executed
-
     def _return_to_best(self) -> None:
         """Go back the way it came to the least image error, if the last is worse.
 
@@ -170,13 +329,14 @@ class Run:
         if errors[-1] <= errors[best] + margin:
             return
         for step in reversed(self.steps[best:-1]):
-            self._move(inverse_transform(self.robot.pose) @ step.pose)
+            here = self.robot.pose
+            self.robot.move(inverse_transform(here) @ step.pose, here)
         self.returned_to = best
 
     def _belief(self) -> tuple[Array, Array]:
         """What is believed where the robot stands: remaining displacement and deviation, (6,)."""
         unknown = np.full(6, np.nan)
-        if not self.steps or self.is_moving:
+        if not self.steps or self.robot.is_lost:
             return unknown, unknown
         step = self.steps[-1 if self.returned_to is None else self.returned_to]
         displacement = step.estimate.displacement
@@ -189,15 +349,33 @@ class Run:
         return delta_p, np.array(step.estimate.std, dtype=float)
 
 
+_EQUAL = "The image equals the reference to within its noise."
+
+
+def _by_whom(end: BaseException) -> str:
+    name = one_line(end)
+    return f" by {name}" if name in ("SIGTERM", "SIGHUP", "SIGBREAK") else " by the user"
+
+
 def _dry_run_message(commanded: Array) -> str:
     return f"Dry run: the robot would move {as_text(commanded)}; nothing was moved."
 
 
-def _max_moves_message(estimate: Estimate, settings: LoopSettings) -> str:
+def _contradiction_message(found: Innovation, seen: Estimate) -> str:
     return (
-        f"Still {as_text(estimate.displacement)} away, as believed, after {settings.max_moves} "
-        "moves; allow more moves, or a tolerance that the noise and the robot can meet."
+        f"The view did not follow the move: {as_text(found.expected)} from the reference was "
+        f"expected, {as_text(seen.displacement)} is seen. It seems that {CAUSES[found.cause]}."
     )
+
+
+def _max_moves_message(steps: list[Step], settings: LoopSettings) -> str:
+    *before, last = [step.estimate.distance for step in steps]
+    is_nearing = not before or last < min(before)
+    advice = (
+        "allow more moves" if is_nearing else "the last moves brought it no nearer; free the view"
+    )
+    still = f"Still {as_text(steps[-1].estimate.displacement)} away, as believed,"
+    return f"{still} after {settings.max_moves} moves; {advice}, or begin nearer to the reference."
 
 
 def _divergence_message(errors: list[float]) -> str:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import InvalidInputError
-from servoscope.poses import displacement_ranges
+from servoscope.poses import DOFS, displacement_ranges
 
 Array = NDArray[np.float64]
+
+NEAR_ENOUGH = {"mm": 0.05, "deg": 0.005}
+"""Distance and angle that are always near enough where no tolerance is asked for."""
 
 _LEAST_BOX = np.array([5e-3] * 3 + [np.radians(1.0)] * 3)
 
@@ -23,20 +27,39 @@ class LoopSettings:
     ----------
     max_moves : int
         Moves towards the reference; a return to the best pose comes on top.
-    tolerance_mm, tolerance_deg : float
-        The run has converged when the believed displacement is under both.
+    tolerance_mm, tolerance_deg : float, optional
+        Distance and angle from the reference that the run has to get under to converge. Without
+        any tolerance it goes as near as the noise and the robot allow, or to `NEAR_ENOUGH`.
+    tolerances : mapping of str to float, optional
+        The same for single dofs about the pivot, such as ``{"tz": 0.1, "rz": 0.02}``, [mm] and
+        [deg].
     noise_limit : float
-        It has also converged when the believed displacement is twice in a row no more than this
-        many of its own standard deviations, as the root mean square over the dofs.
+        Displacements of no more than this many of their own standard deviations, as the root mean
+        square over the dofs, twice in a row, are noise: there is nothing left to correct.
     repeatability_mm, repeatability_deg : float
-        How far from where it is sent the robot comes to rest (one standard deviation an axis);
-        taken for noise too.
+        How far from where it is sent the robot comes to rest (one standard deviation an axis), if
+        that is known; taken for noise too. Otherwise it is estimated on the way.
     max_step_mm, max_step_deg : float, optional
         A longer step is cut to this; by default the farthest that the estimator was made for.
     workspace_margin : float
         The poses stay in a box around the start, this many times the estimator's reach.
     novelty_limit : float
         The most unlike the training images that an image may be.
+    least_similarity : float
+        The least similarity of an image with what the estimator expects at the displacement.
+    least_usable : float
+        Share of the pixels that must not be clipped, unless the reference is clipped there, for
+        the camera to have arrived.
+    least_matched : float
+        Share of the view that must show what the reference shows there, for the camera to have
+        arrived.
+    largest_innovation : float, optional
+        What is seen after a move may differ from what the move led to expect by this share of it,
+        if noise cannot explain the difference; None where displacements of the estimator are only
+        directions, and cannot be checked.
+    largest_shift : float
+        The most that the view may be displaced from the reference for the camera to have arrived,
+        as the median over its matched cells, as a share of the longer side of the image.
     growth : float
         How much the image error must rise over two moves to be called divergence.
     patience : int
@@ -45,6 +68,8 @@ class LoopSettings:
     read_timeout_s, move_timeout_s : float, optional
         How long an image, or a pose, and a move may take; None calls without a watch, in the
         thread of the caller.
+    first_read_timeout_s : float, optional
+        The same for the first image, for which a camera may have to start.
     execution_share : float
         A robot may miss a move by this share of it, or by
         `execution_mm` and `execution_deg` if they are more.
@@ -62,8 +87,9 @@ class LoopSettings:
     """
 
     max_moves: int = 12
-    tolerance_mm: float = 0.05
-    tolerance_deg: float = 0.005
+    tolerance_mm: float | None = None
+    tolerance_deg: float | None = None
+    tolerances: Mapping[str, float] = field(default_factory=dict)
     noise_limit: float = 2.0
     repeatability_mm: float = 0.0
     repeatability_deg: float = 0.0
@@ -71,22 +97,35 @@ class LoopSettings:
     max_step_deg: float | None = None
     workspace_margin: float = 1.3
     novelty_limit: float = 1.0
+    least_similarity: float = 0.75
+    least_usable: float = 0.7
+    least_matched: float = 0.5
+    largest_innovation: float | None = 0.75
+    largest_shift: float = 0.01
     growth: float = 0.05
     patience: int = 5
     read_timeout_s: float | None = 5.0
+    first_read_timeout_s: float | None = 30.0
     move_timeout_s: float | None = 60.0
     execution_share: float = 0.2
     execution_mm: float = 0.5
     execution_deg: float = 0.1
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value is None and "None" in str(field.type):
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "tolerances"}
+        optional = {f.name for f in fields(self) if "None" in str(f.type)}
+        for dof, value in dict(self.tolerances).items():
+            if dof not in DOFS:
+                raise InvalidInputError(
+                    f"tolerances must be of dofs of {', '.join(DOFS)}, got {dof!r}."
+                )
+            values[f"The tolerance of {dof}"] = value
+        for name, value in values.items():
+            if value is None and name in optional:
                 continue
             if not isinstance(value, int | float) or not 0 <= value < np.inf:
                 raise InvalidInputError(
-                    f"{field.name} must be a finite number that is not negative, got {value!r}."
+                    f"{name} must be a finite number that is not negative, got {value!r}."
                 )
         for name in ("max_moves", "patience"):
             value = getattr(self, name)
@@ -95,6 +134,14 @@ class LoopSettings:
         for name in ("max_step_mm", "max_step_deg"):
             if getattr(self, name) == 0:
                 raise InvalidInputError(f"{name} must be more than 0, or None for the reach.")
+
+    def repeatability(self, pivot: float) -> Array:
+        """Standard deviation that the robot's scatter makes of each dof, (6,), [m] and [rad]."""
+        return _about_pivot(self.repeatability_mm, self.repeatability_deg, pivot)
+
+    def allowed_miss(self, pivot: float) -> Array:
+        """What missing a move by as much as is allowed makes of each dof, (6,), [m] and [rad]."""
+        return _about_pivot(self.execution_mm, self.execution_deg, pivot)
 
     def step_limits(self, reach: Array, pivot: float) -> tuple[float, float]:
         """The longest step, [m] and [rad], for an estimator of the given reach."""
@@ -109,3 +156,9 @@ class LoopSettings:
         """Half-widths of the box around the start, camera form, shape (6,), [m] and [rad]."""
         ranges = displacement_ranges(reach, pivot, "camera")
         return np.maximum(self.workspace_margin * ranges, _LEAST_BOX)
+
+
+def _about_pivot(mm: float, deg: float, pivot: float) -> Array:
+    position, rotation = mm / 1e3, np.radians(deg)
+    sideways = np.hypot(position, pivot * rotation)
+    return np.array([sideways, sideways, position, rotation, rotation, rotation])

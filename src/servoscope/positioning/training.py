@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.dataset import PoseImageSet
-from servoscope.errors import DataSetError
+from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.poses import DISPLAY_FACTORS, DOFS, displacements_from_poses
 from servoscope.positioning.disturbances import Disturbances
 from servoscope.positioning.ladder import HeldOut, learn_levels
@@ -21,6 +22,9 @@ Array = NDArray[np.float64]
 
 N_STAGES = 3
 """Stages of training that progress is told of: levels, networks, and what they reach."""
+
+LEAST_GAIN = 0.8
+"""A dof is observable if its error is at most this share of that of predicting the mean."""
 
 _OUTER = 0.3
 _MOST_CHECKED = 40
@@ -54,7 +58,13 @@ def train(
     Raises
     ------
     DataSetError
-        If there are too few images, or a dof never moves.
+        If there are too few images, a dof never moves, or most dofs of images held out are
+        predicted no better than by their mean.
+
+    Warns
+    -----
+    ServoscopeWarning
+        If some dofs of images held out are predicted no better than by their mean.
     """
     if not data.moves().all():
         raise DataSetError(
@@ -82,13 +92,52 @@ def train(
             networks, levels, data.reference_image, data.pivot, reach, dict(data.source)
         )
         model.accuracy.update(_measure(model, held_out))
+    check_observable(model.accuracy["error_shares"])
     tell(3)
     return model
+
+
+def check_observable(error_shares: Mapping[str, float]) -> None:
+    """Say which dofs a model cannot predict, or refuse one that is of no use.
+
+    Parameters
+    ----------
+    error_shares : mapping of str to float
+        By dof: median absolute error of images held out, as a share of that of their mean.
+
+    Raises
+    ------
+    DataSetError
+        If most dofs are predicted no better than by the mean.
+
+    Warns
+    -----
+    ServoscopeWarning
+        If some are.
+    """
+    unobservable = [dof for dof, share in error_shares.items() if not share < LEAST_GAIN]
+    if not unobservable:
+        return
+    shown = ", ".join(f"{dof} {error_shares[dof]:.2f}" for dof in unobservable)
+    found = (
+        f"Images held out are predicted hardly better than by their mean in {shown} (error as a "
+        f"share of the mean's, at most {LEAST_GAIN:g})"
+    )
+    advice = "see that every image belongs to its pose, none late, and that it shows the part"
+    if 2 * len(unobservable) > len(error_shares):
+        raise DataSetError(f"{found}; no robot may be moved by that: {advice}.")
+    warnings.warn(
+        f"{found}; the robot will not be positioned in these dofs: {advice}.",
+        ServoscopeWarning,
+        stacklevel=3,
+    )
 
 
 def _measure(model: PositioningModel, held_out: HeldOut) -> dict[str, Any]:
     """Median absolute error of one look, in mm and degrees, by how far away the camera is."""
     size = np.abs(held_out.p).max(axis=1)
+    outer = np.flatnonzero(size > _OUTER)
+    error_shares = _error_shares(model, held_out.images[outer], held_out.p[outer])
     rings = []
     for level in model.levels:
         near = np.flatnonzero((size <= level.radius) & (size > level.radius / 2))[:_MOST_CHECKED]
@@ -103,7 +152,18 @@ def _measure(model: PositioningModel, held_out: HeldOut) -> dict[str, Any]:
             errors = _errors(model, images[near], held_out.p[near])
             ring[kind] = dict(zip(DOFS, np.median(errors, axis=0).tolist(), strict=True))
         rings.append(ring)
-    return {"rings": rings, "networks": model.networks.report()}
+    return {
+        "rings": rings,
+        "error_shares": dict(zip(DOFS, error_shares.tolist(), strict=True)),
+        "networks": model.networks.report(),
+    }
+
+
+def _error_shares(model: PositioningModel, images: NDArray[np.uint8], p: Array) -> Array:
+    """Median absolute errors of first looks as shares of those of predicting the mean, (6,)."""
+    truth = p * model.reach * DISPLAY_FACTORS
+    spread = np.median(np.abs(truth - truth.mean(axis=0)), axis=0)
+    return np.asarray(np.median(_errors(model, images, p), axis=0) / spread)
 
 
 def _errors(model: PositioningModel, images: NDArray[np.uint8], p: Array) -> Array:

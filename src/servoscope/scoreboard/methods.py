@@ -92,12 +92,17 @@ def make_photometric(
 def loop_settings(method: str, repeatability: Repeatability) -> LoopSettings:
     """How the loop is set for a method and a robot.
 
-    Photometric servoing keeps to its own law: many moves, a wide workspace, and image errors that
-    may rise on the way.
+    Photometric servoing keeps to its own law: many moves, a wide workspace, image errors that may
+    rise on the way, and displacements that are only directions.
     """
     settings: dict[str, Any] = {"max_moves": MOST_MOVES}
     if method == "photometric":
-        settings = {"max_moves": MOST_MOVES_PHOTOMETRIC, "growth": 2.0, "workspace_margin": 2.0}
+        settings = {
+            "max_moves": MOST_MOVES_PHOTOMETRIC,
+            "growth": 2.0,
+            "workspace_margin": 2.0,
+            "largest_innovation": None,
+        }
     return LoopSettings(
         repeatability_mm=1e3 * repeatability.position,
         repeatability_deg=float(np.degrees(repeatability.rotation)),

@@ -28,7 +28,14 @@ LEAST_SHARES = {
 MOST_MOVES = 6
 MOST_MS = 15.0
 
-_STOPPED = ("abstained", "diverged", "out_of_workspace", "robot_fault", "camera_fault")
+_STOPPED = (
+    "abstained",
+    "diverged",
+    "inconsistent",
+    "out_of_workspace",
+    "robot_fault",
+    "camera_fault",
+)
 """The statuses with which the guard or a fault ended a run, and said so."""
 
 

@@ -1,0 +1,226 @@
+"""The reference image, and how an image compares with it cell by cell."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.features.shrinking import shrink
+from servoscope.positioning.image_error import image_error, reference_thumbnail, thumbnail
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+SIZE = 128
+"""Pixels along the longer side of the images that are compared."""
+
+N_CELLS = 8
+"""Cells along each side."""
+
+MATCH = 0.7
+"""Normalised correlation of a cell that shows what the reference shows there."""
+
+_SIGMA = 0.8
+_MOSTLY = 0.5
+_TEXTURED = 0.25
+_LEAST_UNCLIPPED = 0.5
+
+
+class Comparison(NamedTuple):
+    """How an image compares with the reference.
+
+    Parameters
+    ----------
+    usable : float
+        Share of the pixels that are clipped neither here nor in the reference, of those that are
+        not clipped there.
+    matched : float
+        Share of the textured cells that show what the reference shows there: normalised
+        correlation of at least `MATCH`, whatever the gain and the offset of each cell.
+    shift : float
+        Median displacement of the matched cells, as a share of the longer side of the image;
+        infinite if there are none.
+    significance : float
+        How much of the difference from the reference a displacement of the whole view explains,
+        relative to what it would explain of noise alone: about 1 at the reference, more
+        elsewhere; infinite where the view does not match by more than half.
+    difference : float
+        Root mean square of the difference in grey levels, as they are, as a share of the
+        reference's contrast.
+    """
+
+    usable: float
+    matched: float
+    shift: float
+    significance: float
+    difference: float
+
+
+class ReferenceView:
+    """The view to bring the camera back to.
+
+    Parameters
+    ----------
+    image : ndarray of shape (height, width), uint8
+
+    Raises
+    ------
+    InvalidInputError
+        If there is nothing to be seen in it.
+
+    Notes
+    -----
+    Displacements are one step of Lucas and Kanade (1981), "An iterative image registration
+    technique", on grey levels normalised in each cell: of each cell by itself, and of the whole
+    view by the eight parameters that a plane's image moves by. They say how far an image is from
+    the reference without any model: at the reference they vanish.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> image = cv2.GaussianBlur(rng.integers(0, 256, (64, 64), dtype=np.uint8), (0, 0), 2)
+    >>> view = ReferenceView(image)
+    >>> view.compare(image)
+    Comparison(usable=1.0, matched=1.0, shift=0.0, significance=0.0, difference=0.0)
+    >>> view.compare(np.roll(image, 1, axis=1)).significance > 10
+    True
+    """
+
+    def __init__(self, image: NDArray[np.uint8]) -> None:
+        self.image = image
+        self._thumbnail = reference_thumbnail(image)
+        self._unclipped = _unclipped(image)
+        self._seen = _prepared(image)
+        self._grid = _Grid(self._seen.shape)
+
+    def error(self, image: NDArray[np.uint8]) -> float:
+        """One minus the normalised correlation of the whole images, small and blurred."""
+        return image_error(thumbnail(image), self._thumbnail)
+
+    def usable(self, image: NDArray[np.uint8]) -> float:
+        """Share of the pixels that are clipped neither here nor in the reference."""
+        unclipped = self._unclipped
+        share = np.mean(_unclipped(image)[unclipped]) if unclipped.any() else 0.0
+        return float(share)
+
+    def compare(self, image: NDArray[np.uint8]) -> Comparison:
+        """How an image of the same shape compares."""
+        both = (_unclipped(image) & self._unclipped).astype(np.uint8)
+        weights = (shrink(both, SIZE) > 1 - 1e-3).astype(np.float32)
+        seen, usable = _prepared(image), self.usable(image)
+        cells = self._grid.match(seen, self._seen, weights)
+        matched = cells.textured & (cells.correlation >= MATCH)
+        share = float(matched.sum() / max(cells.textured.sum(), 1))
+        difference = float(np.sqrt(np.mean((seen - self._seen) ** 2)) / self._seen.std())
+        if not matched.any():
+            return Comparison(usable, share, np.inf, np.inf, difference)
+        shift = float(np.median(cells.displacements(self._seen, weights)[matched]))
+        significance = np.inf
+        if share > _MOSTLY:
+            where = weights * self._grid.spread(matched.astype(float))
+            significance = cells.significance(self._seen, where)
+        return Comparison(usable, share, shift / max(self._seen.shape), significance, difference)
+
+
+def similarity(image: Floats, expected: Floats) -> float:
+    """Median normalised correlation of the cells in which `expected` shows something.
+
+    Examples
+    --------
+    >>> expected = np.random.default_rng(0).normal(size=(32, 32)).astype(np.float32)
+    >>> round(similarity(3 * expected + 5, expected), 6), round(similarity(-expected, expected), 6)
+    (1.0, -1.0)
+    """
+    cells = _Grid(image.shape).match(image, expected, np.ones_like(image))
+    found = cells.correlation[cells.textured]
+    return float(np.median(found)) if found.size else 0.0
+
+
+class _Grid:
+    """A grid of cells over images of one shape."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        counts = [min(n, N_CELLS) for n in shape]
+        self._starts = [np.arange(k) * n // k for n, k in zip(shape, counts, strict=True)]
+        self._sizes = [np.diff([*starts, n]) for starts, n in zip(self._starts, shape, strict=True)]
+
+    def sum(self, values: NDArray[Any]) -> Array:
+        """The sum over each cell."""
+        rows = np.add.reduceat(values, self._starts[0], axis=0, dtype=float)
+        return np.asarray(np.add.reduceat(rows, self._starts[1], axis=1))
+
+    def spread(self, values: Array) -> Array:
+        """The value of its cell for every pixel."""
+        return np.repeat(np.repeat(values, self._sizes[0], axis=0), self._sizes[1], axis=1)
+
+    def match(self, image: Floats, expected: Floats, weights: Floats) -> _Matched:
+        """Compare two images cell by cell, whatever the gain and the offset of each cell."""
+        area, n = self.sum(np.ones_like(weights)), self.sum(weights)
+        one = np.maximum(n, 1.0)
+        a, b = (part - self.spread(self.sum(weights * part) / one) for part in (image, expected))
+        aa, bb, ab = (self.sum(weights * x * y) for x, y in ((a, a), (b, b), (a, b)))
+        contrast = np.sqrt(bb / one)
+        enough = max(_TEXTURED * float(np.quantile(contrast, 0.9)), 1e-6)
+        textured = (contrast >= enough) & (n >= _LEAST_UNCLIPPED * area)
+        correlation = ab / np.sqrt(np.maximum(aa * bb, 1e-12))
+        left = a * self.spread(np.sqrt(bb / np.maximum(aa, 1e-12))) - b
+        return _Matched(self, correlation, textured, left)
+
+
+class _Matched(NamedTuple):
+    """Cells of two images compared, each array of the shape of the grid.
+
+    `left` is their difference after gain and offset, of the shape of the images.
+    """
+
+    grid: _Grid
+    correlation: Array
+    textured: NDArray[np.bool_]
+    left: Array
+
+    def displacements(self, expected: Floats, weights: Floats) -> Array:
+        """How far each cell is displaced, [px]."""
+        gx, gy = _slopes(expected)
+        pairs = ((gx, gx), (gx, gy), (gy, gy), (gx, self.left), (gy, self.left))
+        xx, xy, yy, xe, ye = (self.grid.sum(weights * u * v) for u, v in pairs)
+        ridge = 0.01 * (xx + yy) + 1e-9
+        xx, yy = xx + ridge, yy + ridge
+        return np.hypot(yy * xe - xy * ye, xx * ye - xy * xe) / (xx * yy - xy * xy)
+
+    def significance(self, expected: Floats, weights: Array) -> float:
+        """How much one displacement of the whole view explains, relative to noise.
+
+        Noise that was smoothed by a Gaussian counts as one value in ``4 pi sigma^2``.
+        """
+        gx, gy = _slopes(expected)
+        height, width = expected.shape
+        x, y = np.linspace(-1, 1, width)[None, :], np.linspace(-1, 1, height)[:, None]
+        outward = gx * x + gy * y
+        flows = (gx, gx * x, gx * y, gy, gy * x, gy * y, outward * x, outward * y)
+        one = np.maximum(self.grid.sum(weights), 1.0)
+        centred = [f - self.grid.spread(self.grid.sum(weights * f) / one) for f in flows]
+        A = np.stack([(np.sqrt(weights) * f).ravel() for f in centred])
+        e = (np.sqrt(weights) * self.left).ravel()
+        scores = A @ e
+        explained = float(scores @ np.linalg.pinv(A @ A.T, rcond=1e-9, hermitian=True) @ scores)
+        noise = max(float(e @ e) - explained, 1e-12) / max(float(weights.sum()), 1.0)
+        return explained / (len(A) * 4 * np.pi * _SIGMA**2 * noise)
+
+
+def _slopes(image: Floats) -> tuple[Floats, Floats]:
+    """Change of the grey level for each pixel to the right, and downwards."""
+    gx, gy = (
+        cv2.Sobel(image, cv2.CV_32F, *axis, ksize=3, scale=1 / 8) for axis in ((1, 0), (0, 1))
+    )
+    return np.asarray(gx, dtype=np.float32), np.asarray(gy, dtype=np.float32)
+
+
+def _unclipped(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    return (image > 0) & (image < 255)
+
+
+def _prepared(image: NDArray[np.uint8]) -> Floats:
+    return np.asarray(cv2.GaussianBlur(shrink(image, SIZE), (0, 0), _SIGMA), dtype=np.float32)
