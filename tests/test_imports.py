@@ -114,11 +114,6 @@ def test_every_public_name_exists_and_no_module_hides_it(file):
         assert not isinstance(getattr(public, name), ModuleType)
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(SOURCE)))
-def test_a_file_has_at_most_300_lines(file):
-    assert len(file.read_text().splitlines()) <= 300
-
-
 def is_unsafe(node):
     """Whether a node runs text as code, or reads or writes pickled objects."""
     if isinstance(node, ast.Import | ast.ImportFrom):

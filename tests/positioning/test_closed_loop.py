@@ -1,14 +1,24 @@
 """The trained model brings the camera back, wherever it sits on the robot."""
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 
-from planar import RANGES, planar_images
-from planar_cell import SIZE, T_WORLD_REF, Cell
+from planar import PIVOT, RANGES, planar_images
+from planar_cell import SIZE, T_WORLD_REF, Cell, Oracle
 from planar_model import FLANGE_RANGES, T_FLANGE_CAM, FlangeCell, camera_model, flange_model
-from servoscope.poses import pose_error
-from servoscope.positioning import Positioner
+from servoscope.poses import (
+    displacements_from_poses,
+    pose_error,
+    poses_from_displacements,
+    rigid_transform,
+)
+from servoscope.positioning import LoopSettings, Positioner, PositioningModel
 from servoscope.positioning.disturbances import Disturbances
+from servoscope.positioning.guard import novelty_fault
+from servoscope.positioning.model import LevelEstimate
 
 pytestmark = pytest.mark.slow
 
@@ -118,3 +128,93 @@ def test_what_it_believes_is_left_is_about_what_is_left() -> None:
         shares.append((result.remaining - cell.delta_p) / result.predicted_error)
     rms = np.sqrt(np.mean(np.square(shares)))
     assert 0.2 < rms < 5
+
+
+def _turned(image: np.ndarray, degrees: float) -> np.ndarray:
+    turn = cv2.getRotationMatrix2D(((SIZE - 1) / 2, (SIZE - 1) / 2), degrees, 1)
+    return cv2.warpAffine(image, turn, (SIZE, SIZE), borderMode=cv2.BORDER_REFLECT)
+
+
+def test_foreign_images_are_refused_by_their_similarity_whatever_the_relative_limit() -> None:
+    model, limits = camera_model(), LoopSettings()
+    model = replace(model, levels=[replace(level, unlikeness_limit=9.0) for level in model.levels])
+    own = [Cell(p * RANGES, noise=2.0).read() for p in starts(1.0, 60)]
+    others = [planar_images(starts(0.5, 1, s) * RANGES, SIZE, s)[0] for s in range(20, 80)]
+    turned = [_turned(image, degrees) for image in own[:30] for degrees in (60, 180)]
+
+    def refused(images) -> float:
+        estimates = [model.estimate(image) for image in images]
+        return float(np.mean([novelty_fault(e, limits) is not None for e in estimates]))
+
+    assert refused(own) <= 0.01
+    assert refused(others) >= 0.95
+    assert refused(turned) >= 0.9
+
+
+def test_an_overexposed_camera_does_not_claim_to_have_arrived_where_it_has_not() -> None:
+    class Overexposed(Cell):
+        def read(self):
+            return np.clip(self.gain * super().read(), 0, 255).astype(np.uint8)
+
+    for gain in (1.3, 1.5, 1.8, 2.2):
+        for p in starts(0.5, 3):
+            cell = Overexposed(p * RANGES, noise=1.0)
+            cell.gain = gain
+            result, _ = run(camera_model(), cell)
+            distance, _ = pose_error(T_WORLD_REF, cell.pose)
+            assert result.status != "converged" or distance < 3e-3
+
+
+def test_the_reference_image_has_arrived_whatever_the_estimate(monkeypatch) -> None:
+    model = camera_model()
+    away = LevelEstimate(
+        rigid_transform(np.eye(3), [0.042, 0, 0]), RANGES, 0.5, "networks", is_finest=False
+    )
+    monkeypatch.setattr(PositioningModel, "estimate", lambda self, image, previous=None: away)
+    cell = Cell(np.zeros(6), noise=2.0)
+    result, _ = run(model, cell)
+    assert (result.status, result.moves) == ("converged", 0)
+    assert "equals the reference" in result.message
+
+
+def test_a_tolerance_that_the_scatter_of_the_robot_cannot_meet_ends_as_near_as_it_allows() -> None:
+    class Scattering(Cell):
+        def move(self, displacement):
+            reported = super().move(displacement)
+            scatter = np.array([1e-4] * 3 + [np.radians(0.01)] * 3) * self.rng.normal(size=6)
+            self.off = poses_from_displacements(np.eye(4), scatter, 0.0)
+            return reported
+
+        off = np.eye(4)
+
+        @property
+        def delta_p(self):
+            return displacements_from_poses(T_WORLD_REF, (self.pose @ self.off)[None], PIVOT)[0]
+
+    ends = []
+    for p in starts(0.5, 8):
+        cell = Scattering(p * RANGES)
+        oracle = Oracle(cell, std=1e-5)
+        oracle.reference_image = camera_model().reference_image
+        settings = LoopSettings(tolerance_mm=0.05, tolerance_deg=0.005)
+        ends.append(Positioner(oracle, settings).run(cell, cell))
+    assert {end.status for end in ends} <= {"limited", "converged"}
+    assert any("As near as the robot allows" in end.message for end in ends)
+    free = [replace(settings, tolerance_mm=None, tolerance_deg=None)] * 2
+    for settings, p in zip(free, starts(0.5, 2), strict=True):
+        cell = Scattering(p * RANGES)
+        assert Positioner(Oracle(cell, std=1e-5), settings).run(cell, cell).status == "converged"
+
+
+def test_tolerances_of_single_dofs_are_met_or_said_to_be_missed() -> None:
+    cell = Cell(starts(0.5, 1)[0] * RANGES)
+    settings = LoopSettings(tolerances={"tz": 0.5, "rz": 0.05})
+    result = Positioner(camera_model(), settings).run(cell, cell)
+    assert result.status == "converged"
+    assert abs(cell.delta_p[2]) < 0.5e-3
+    assert abs(cell.delta_p[5]) < np.radians(0.05)
+    noisy = Cell(starts(0.5, 1)[0] * RANGES, noise=3.0)
+    strict = LoopSettings(tolerances={"tz": 1e-4})
+    result = Positioner(camera_model(), strict).run(noisy, noisy)
+    assert result.status == "limited"
+    assert "of tz, 0.0001 mm asked for" in result.message

@@ -173,7 +173,7 @@ def _print_run(result: PositioningResult, distances: Sequence[dict[str, float]])
     from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS, pose_error
 
     table = Table(box=None, pad_edge=False)
-    for column in ("look", "answered by", "believed", "true", "novelty", "ms"):
+    for column in ("look", "answered by", "believed", "true", "novelty", "matched", "ms"):
         table.add_column(column, justify="left" if column == "answered by" else "right")
     for number, (step, truth) in enumerate(zip(result.steps, distances, strict=False)):
         distance, angle = pose_error(np.eye(4), step.estimate.displacement)
@@ -183,6 +183,7 @@ def _print_run(result: PositioningResult, distances: Sequence[dict[str, float]])
             f"{1e3 * distance:.3f} mm {np.degrees(angle):.3f} deg",
             f"{truth['mm']:.3f} mm {truth['deg']:.3f} deg",
             f"{step.estimate.novelty:.2f}",
+            "-" if step.comparison is None else f"{step.comparison.matched:.0%}",
             f"{1e3 * step.seconds:.1f}",
         )
     out = console()

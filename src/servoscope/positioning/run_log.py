@@ -185,6 +185,8 @@ def _read_step(record: dict[str, Any]) -> Step:
         _array(record, "std", (6,)),
         float(_array(record, "novelty", ())),
         str(record["stage"]),
+        is_finest=bool(record.get("is_finest", True)),
+        similarity=float(np.array(record.get("similarity"), dtype=float)),
     )
     return Step(
         pose=_array(record, "pose", (4, 4)),
