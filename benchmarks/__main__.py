@@ -21,6 +21,7 @@ KERNELS = (
     "images",
     "study",
     "photometric",
+    "faults",
 )
 
 
