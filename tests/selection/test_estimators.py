@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from scipy.stats import norm, rankdata
 from sklearn.feature_selection import mutual_info_regression
 
 from servoscope.errors import InvalidInputError
@@ -55,7 +56,7 @@ def test_a_sum_of_uniforms_has_its_closed_form():
     assert found == pytest.approx(0.5 / np.log(2), rel=0.07)
 
 
-@pytest.mark.parametrize("estimator", ["equal_frequency", "gaussian_copula"])
+@pytest.mark.parametrize("estimator", ["equal_frequency", "gaussian_copula", "ksg"])
 @given(st.sampled_from([np.exp, np.cbrt, np.arctan, lambda x: x**3 + x]), st.integers(0, 9))
 def test_growing_functions_change_nothing(estimator, function, seed):
     X, y = gaussian(np.random.default_rng(seed), 0.7, 150)
@@ -96,11 +97,12 @@ def test_several_targets_give_a_column_each(estimator, rng):
     np.testing.assert_allclose(both[:, 1], estimate_information(X, Y[:, 1], estimator))
 
 
-def test_ksg_is_that_of_scikit_learn_in_bits(rng):
+def test_ksg_is_that_of_scikit_learn_on_normal_scores_in_bits(rng):
     X, y = rng.normal(size=(200, 2)), rng.normal(size=200)
-    expected = mutual_info_regression(X, y, n_neighbors=4, random_state=3) / np.log(2)
+    scores = [norm.ppf(rankdata(table, axis=0) / 201) for table in (X, y)]
+    expected = mutual_info_regression(*scores, n_neighbors=4, random_state=3) / np.log(2)
     found = estimate_information(X, y, "ksg", n_neighbors=4, random_state=3)
-    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 @given(hnp.arrays(float, st.integers(1, 60), elements=st.integers(-9, 9)), st.integers(2, 12))
@@ -138,3 +140,100 @@ def test_samples_that_do_not_fit_are_refused(estimator):
         estimate_information(np.zeros((9, 1)), np.zeros(8), estimator)
     with pytest.raises(InvalidInputError, match="y must be finite"):
         estimate_information(np.zeros((9, 1)), np.full(9, np.nan), estimator)
+
+
+ORDINARY = np.random.default_rng(20).normal(size=(2, 400))
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("scale", [1e200, 1e-200, 1e-300, -1e8, 3.0])
+@pytest.mark.parametrize("offset", [0.0, 1e10])
+def test_offset_and_scale_change_nothing(estimator, scale, offset):
+    """Up to what rounding at an offset of 1e10, to two parts in a million, does to an edge."""
+    x, noise = ORDINARY
+    y = x + 0.5 * noise
+    expected = estimate_information(x[:, None], y, estimator)
+    moved = estimate_information(scale * (x[:, None] + offset), y, estimator)
+    np.testing.assert_allclose(moved, expected, atol=1e-9 if scale > 0 and not offset else 0.05)
+    moved = estimate_information(x[:, None], scale * (y + offset), estimator)
+    np.testing.assert_allclose(moved, expected, atol=1e-9 if scale > 0 and not offset else 0.05)
+
+
+def entropy(labels):
+    p = np.unique(labels, return_counts=True)[1] / len(labels)
+    return -np.sum(p * np.log2(p))
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+@given(
+    st.integers(2, 6),
+    st.integers(40, 150),
+    st.sampled_from(["itself", "mirrored", "noisy", "unrelated"]),
+    st.sampled_from([1.0, 1e200, 1e-200]),
+    st.integers(0, 999),
+)
+def test_nothing_tells_more_of_a_discrete_variable_than_its_entropy(
+    estimator, n_levels, n_samples, other, scale, seed
+):
+    rng = np.random.default_rng(seed)
+    labels = rng.integers(0, n_levels, n_samples) ** 2
+    x = {
+        "itself": labels,
+        "mirrored": -labels,
+        "noisy": labels + 0.1 * rng.normal(size=n_samples),
+        "unrelated": rng.normal(size=n_samples),
+    }[other]
+    for a, b in ((x, labels), (labels, x)):
+        found = estimate_information(a[:, None] * scale, b, estimator)[0]
+        assert found <= entropy(labels) + 1e-12
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_equal_binary_variables_tell_one_bit(estimator):
+    x = np.arange(200) % 2
+    assert estimate_information(x[:, None], x, estimator)[0] == pytest.approx(1, abs=0.05)
+
+
+@pytest.mark.parametrize("estimator", ["equal_frequency", "ksg", "gaussian_copula"])
+def test_one_huge_value_hides_nothing_from_estimates_of_ranks(estimator):
+    x, noise = ORDINARY
+    y = x + 0.5 * noise
+    expected = estimate_information(x[:, None], y, estimator)[0]
+    x = np.where(np.arange(400) == 7, 1e250, x)
+    assert estimate_information(x[:, None], y, estimator)[0] == pytest.approx(expected, abs=0.2)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize(
+    "cast",
+    [
+        np.asfortranarray,
+        lambda a: a[::-1][::-1],
+        lambda a: a.astype(object),
+        lambda a: a.tolist(),
+        np.ma.asarray,
+    ],
+)
+def test_how_numbers_are_kept_does_not_matter(estimator, cast, rng):
+    X, y = rng.normal(size=(90, 2)), rng.normal(size=90)
+    expected = estimate_information(X, y, estimator)
+    np.testing.assert_array_equal(estimate_information(cast(X), cast(y), estimator), expected)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda a: np.ma.masked_greater(a, 0.5), "hides .* behind a mask"),
+        (lambda a: a + 1j, "must be an array of numbers .*complex"),
+        (lambda a: a.astype(str), "must be an array of numbers"),
+        (lambda a: a.astype("datetime64[s]"), "must be an array of numbers"),
+        (lambda a: np.where(a > 0.5, np.nan, a), "must be finite"),
+        (lambda a: np.where(a > 0.5, np.inf, a), "must be finite"),
+    ],
+)
+def test_what_are_no_plain_numbers_is_refused(estimator, spoil, message, rng):
+    X, y = rng.normal(size=(90, 2)), rng.normal(size=90)
+    for arguments in ((spoil(X), y), (X, spoil(y))):
+        with pytest.raises(InvalidInputError, match=message):
+            estimate_information(*arguments, estimator)

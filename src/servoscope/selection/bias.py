@@ -10,7 +10,8 @@ from servoscope.errors import InvalidInputError
 from servoscope.selection.binning import Codes
 from servoscope.selection.expected_information import expected_information
 from servoscope.selection.histogram_sums import joint_counts
-from servoscope.selection.mutual_information import bin_samples, mutual_information
+from servoscope.selection.mutual_information import bin_samples, information_of_codes
+from servoscope.selection.ranks import at_most_entropy
 from servoscope.selection.tables import one_column_each
 
 CORRECTIONS = ("miller_madow", "chi_square", "permutation")
@@ -61,22 +62,11 @@ def information_bias(
     --------
     >>> rng = np.random.default_rng(0)
     >>> X, y = rng.uniform(size=(1000, 100)), rng.uniform(size=1000)
+    >>> from servoscope.selection import mutual_information
     >>> f"{mutual_information(X, y).mean():.3f} {information_bias(X, y).mean():.3f}"
     '0.058 0.058'
     """
-    if correction not in CORRECTIONS:
-        raise InvalidInputError(
-            f"correction must be one of {', '.join(CORRECTIONS)}, got {correction!r}."
-        )
-    codes, targets = bin_samples(X, y, n_bins)
-    n_samples = codes.shape[1]
-    if correction == "permutation":
-        bias = expected_information(codes, targets, n_bins)
-    elif correction == "chi_square":
-        bias = degrees_of_freedom(codes, targets) / (2 * n_samples * np.log(2))
-    else:
-        bias = _excess_cells(codes, targets, n_bins) / (2 * n_samples * np.log(2))
-    return one_column_each(bias, y)
+    return one_column_each(_bias(*bin_samples(X, y, n_bins), n_bins, correction), y)
 
 
 def corrected_mutual_information(
@@ -95,8 +85,9 @@ def corrected_mutual_information(
     Returns
     -------
     ndarray of shape (n_features,) or (n_features, n_targets)
-        Values below 0 stand as they are, so that unrelated variables have a mean of 0; clip them
-        where information is summed or compared with a threshold.
+        At most the entropy of either binned variable. Values below 0 stand as they are, so that
+        unrelated variables have a mean of 0; clip them where information is summed or compared
+        with a threshold.
 
     Examples
     --------
@@ -105,7 +96,24 @@ def corrected_mutual_information(
     >>> abs(corrected_mutual_information(X, y).mean()) < 0.001
     np.True_
     """
-    return mutual_information(X, y, n_bins) - information_bias(X, y, n_bins, correction)
+    codes, targets = bin_samples(X, y, n_bins)
+    corrected = information_of_codes(codes, targets, n_bins)
+    corrected -= _bias(codes, targets, n_bins, correction)
+    return one_column_each(at_most_entropy(corrected, codes.T, targets.T), y)
+
+
+def _bias(codes: Codes, targets: Codes, n_bins: int, correction: str) -> NDArray[np.float64]:
+    if correction not in CORRECTIONS:
+        raise InvalidInputError(
+            f"correction must be one of {', '.join(CORRECTIONS)}, got {correction!r}."
+        )
+    if correction == "permutation":
+        return expected_information(codes, targets, n_bins)
+    unrelated = correction == "chi_square"
+    cells = (
+        degrees_of_freedom(codes, targets) if unrelated else _excess_cells(codes, targets, n_bins)
+    )
+    return np.asarray(cells / (2 * codes.shape[1] * np.log(2)))
 
 
 def degrees_of_freedom(a: Codes, b: Codes) -> NDArray[np.intp]:

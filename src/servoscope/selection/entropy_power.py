@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri
-from scipy.stats import differential_entropy, rankdata
+from scipy.stats import differential_entropy
 
 from servoscope.selection.bias import corrected_mutual_information
+from servoscope.selection.ranks import normal_scores
 from servoscope.selection.tables import as_samples
 
 Array = NDArray[np.float64]
@@ -109,7 +109,7 @@ def joint_information(X: Array, Y: Array) -> Array:
     ``-log2(1 - R^2) / 2``, R being the multiple correlation of the normal scores, adjusted for the
     number of features.
     """
-    scores, target_scores = _normal_scores(X), _normal_scores(Y)
+    scores, target_scores = normal_scores(X), normal_scores(Y)
     basis, sizes, _ = np.linalg.svd(scores, full_matrices=False)
     basis = basis[:, sizes > 1e-9 * max(sizes[0], 1.0)]
     n_free = len(X) - 1 - basis.shape[1]
@@ -120,11 +120,6 @@ def joint_information(X: Array, Y: Array) -> Array:
     share = (unexplained / n_free) / np.where(total > 0, total / (len(X) - 1), np.inf)
     share = np.where(total > 0, np.clip(share, np.finfo(float).eps, 1.0), 1.0)
     return np.asarray(-0.5 * np.log2(share))
-
-
-def _normal_scores(table: Array) -> Array:
-    scores = ndtri(rankdata(table, axis=0) / (len(table) + 1))
-    return np.asarray(scores - scores.mean(axis=0))
 
 
 def _error_allowed(conditional_entropy: Array) -> Array:

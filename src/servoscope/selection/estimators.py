@@ -13,6 +13,7 @@ from servoscope.selection.bias import corrected_mutual_information
 from servoscope.selection.equal_frequency import equal_frequency_information
 from servoscope.selection.gaussian_copula import gaussian_copula_information
 from servoscope.selection.mutual_information import mutual_information
+from servoscope.selection.ranks import at_most_entropy, normal_scores
 from servoscope.selection.tables import as_samples, one_column_each
 
 Estimator = Callable[..., NDArray[np.float64]]
@@ -36,7 +37,7 @@ def ksg_information(
     Returns
     -------
     ndarray of shape (n_features,) or (n_features, n_targets)
-        At least 0.
+        At least 0, and never more than the entropy of a variable with equal values.
 
     Raises
     ------
@@ -45,7 +46,8 @@ def ksg_information(
 
     Notes
     -----
-    scikit-learn's `mutual_info_regression`.
+    scikit-learn's `mutual_info_regression`, of the normal scores of the ranks: growing functions
+    of a variable, its offset and scale among them, change nothing.
 
     References
     ----------
@@ -67,11 +69,13 @@ def ksg_information(
             f"n_neighbors must be from 1 to less than the {len(features)} samples, "
             f"got {n_neighbors!r}."
         )
+    scores = normal_scores(features)
     nats = [
-        mutual_info_regression(features, t, n_neighbors=n_neighbors, random_state=random_state)
-        for t in targets.T
+        mutual_info_regression(scores, t, n_neighbors=n_neighbors, random_state=random_state)
+        for t in normal_scores(targets).T
     ]
-    return one_column_each(np.stack(nats, axis=1) / np.log(2), y)
+    information = at_most_entropy(np.stack(nats, axis=1) / np.log(2), features, targets)
+    return one_column_each(information, y)
 
 
 ESTIMATORS: dict[str, Estimator] = {
@@ -116,7 +120,7 @@ def estimate_information(
     histogram           0.46
     corrected_histogram 0.44
     equal_frequency     0.49
-    ksg                 0.52
+    ksg                 0.51
     gaussian_copula     0.50
     """
     if estimator not in ESTIMATORS:

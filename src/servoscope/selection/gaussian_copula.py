@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri
-from scipy.stats import rankdata
 
+from servoscope.selection.ranks import at_most_entropy, normal_scores
 from servoscope.selection.tables import as_samples, one_column_each
 
 
@@ -25,8 +24,9 @@ def gaussian_copula_information(X: ArrayLike, y: ArrayLike) -> NDArray[np.float6
     Returns
     -------
     ndarray of shape (n_features,) or (n_features, n_targets)
-        0 for constants; 26 where one variable is a growing or falling function of the other, for
-        which the information is infinite.
+        0 for constants, and never more than the entropy of a variable with equal values. Without
+        any, 26 where one variable is a growing or falling function of the other, for which the
+        information is infinite.
 
     Raises
     ------
@@ -50,15 +50,13 @@ def gaussian_copula_information(X: ArrayLike, y: ArrayLike) -> NDArray[np.float6
     >>> gaussian_copula_information(x[:, None], np.exp(x + noise)).round(1)
     array([0.5])
     """
-    scores = [_normal_scores(table) for table in as_samples(X, y)]
-    r = np.clip(scores[0].T @ scores[1], -1.0, 1.0)
+    features, targets = as_samples(X, y)
+    r = np.clip(_unit(normal_scores(features)).T @ _unit(normal_scores(targets)), -1.0, 1.0)
     information = -0.5 * np.log2(np.maximum(1.0 - r**2, np.finfo(float).eps))
-    return one_column_each(information, y)
+    return one_column_each(at_most_entropy(information, features, targets), y)
 
 
-def _normal_scores(table: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Columns of unit length and zero mean; zero for a constant."""
-    scores = ndtri(rankdata(table, axis=0) / (len(table) + 1))
-    scores -= scores.mean(axis=0)
+def _unit(scores: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Columns of unit length; zero stays zero."""
     length = np.linalg.norm(scores, axis=0)
-    return scores / np.where(length > 1e-12, length, np.inf)
+    return scores / np.where(length > 0, length, np.inf)

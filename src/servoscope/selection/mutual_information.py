@@ -13,7 +13,7 @@ from servoscope.selection.histogram_sums import (
     n_log_n_table,
     sum_n_log_n,
 )
-from servoscope.selection.tables import check_as_many, one_column_each
+from servoscope.selection.tables import as_targets, check_as_many, one_column_each
 
 
 def mutual_information(X: ArrayLike, y: ArrayLike, n_bins: int = 10) -> NDArray[np.float64]:
@@ -88,9 +88,7 @@ def pairwise_mutual_information(X: ArrayLike, n_bins: int = 10) -> NDArray[np.fl
 
 def bin_samples(X: ArrayLike, y: ArrayLike, n_bins: int) -> tuple[Codes, Codes]:
     """Bins of the features and of the targets, one row a variable."""
-    y = np.asarray(y)
-    targets = y[:, None] if y.ndim == 1 else y
-    codes, target_codes = bin_codes(X, n_bins), bin_codes(targets, n_bins, name="y")
+    codes, target_codes = bin_codes(X, n_bins), bin_codes(as_targets(y), n_bins, name="y")
     check_as_many(codes.shape[1], target_codes.shape[1])
     return codes, target_codes
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from servoscope.arrays import as_numbers
 from servoscope.errors import InvalidInputError
 
 
@@ -18,16 +19,19 @@ def as_table(X: ArrayLike, name: str = "X") -> NDArray[np.float64]:
     InvalidInputError
         If `X` is not a table of numbers with a sample and a column.
     """
-    try:
-        values = np.ascontiguousarray(X, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidInputError(f"{name} must be an array of numbers ({error}).") from error
+    values = as_numbers(X, name)
     if values.ndim != 2 or 0 in values.shape:
         raise InvalidInputError(
             f"{name} must be a table of shape (n_samples, n_columns) with at least one of each, "
             f"got the shape {values.shape}."
         )
     return values
+
+
+def as_targets(y: ArrayLike) -> NDArray[np.float64]:
+    """Targets as a table; a single one is its only column."""
+    values = as_numbers(y, "y")
+    return as_table(values[:, None] if values.ndim == 1 else values, "y")
 
 
 def check_span(low: NDArray[np.float64], high: NDArray[np.float64], name: str = "X") -> None:
@@ -49,8 +53,7 @@ def as_samples(X: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray
     InvalidInputError
         If either is no table of finite numbers, or the numbers of samples differ.
     """
-    y = np.asarray(y)
-    features, targets = as_table(X), as_table(y[:, None] if y.ndim == 1 else y, "y")
+    features, targets = as_table(X), as_targets(y)
     check_span(features.min(axis=0), features.max(axis=0))
     check_span(targets.min(axis=0), targets.max(axis=0), "y")
     check_as_many(len(features), len(targets))

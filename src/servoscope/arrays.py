@@ -1,0 +1,67 @@
+"""Arrays from outside, made numbers or refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from servoscope.errors import InvalidInputError
+
+
+def check_unmasked(values: Any, name: str) -> None:
+    """Raise InvalidInputError if an array hides values behind a mask.
+
+    NumPy drops the mask wherever a plain array is made of a masked one: what was hidden would
+    count as if it were measured.
+
+    Examples
+    --------
+    >>> check_unmasked(np.ma.masked_invalid([1.0, np.nan]), "X")
+    Traceback (most recent call last):
+    servoscope.errors.InvalidInputError: X hides 1 of 2 values behind a mask; drop those samples \
+or fill the values in.
+    """
+    mask = np.ma.getmask(values)
+    if mask is not np.ma.nomask and mask.any():
+        raise InvalidInputError(
+            f"{name} hides {np.count_nonzero(mask)} of {mask.size} values behind a mask; drop "
+            "those samples or fill the values in."
+        )
+
+
+def as_numbers(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    """A contiguous array in double precision; its values may be NaN or infinite.
+
+    Parameters
+    ----------
+    values : array
+        Of booleans, integers, floats, or objects that are such numbers.
+    name : str
+        What error messages call it.
+
+    Raises
+    ------
+    InvalidInputError
+        If the values are complex, text, dates or no numbers at all, or some are masked.
+
+    Examples
+    --------
+    >>> as_numbers([1, True], "X")
+    array([1., 1.])
+    """
+    check_unmasked(values, name)
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind not in "biufO":
+            raise TypeError(f"they are of type {array.dtype}")
+        if array.dtype.kind == "O" and any(
+            isinstance(v, str | bytes | complex) for v in array.flat
+        ):
+            raise TypeError("some are text or complex")
+        with np.errstate(over="ignore"):  # becomes infinite, which is for the caller to judge
+            numbers: NDArray[np.float64] = np.ascontiguousarray(array, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InvalidInputError(f"{name} must be an array of numbers ({error}).") from error
+    return numbers.reshape(array.shape)  # a single number stays one
