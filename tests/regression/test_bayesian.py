@@ -190,7 +190,7 @@ def test_deviation_is_in_the_unit_of_the_target():
     np.testing.assert_allclose(thousand, 1024 * one, rtol=1e-6)
 
 
-@pytest.mark.parametrize("n", [1, 2, 9])
+@pytest.mark.parametrize("n", [2, 9])
 @pytest.mark.parametrize("n_features", [1, 12])
 @pytest.mark.parametrize("repeated", [1, 4])
 def test_few_and_repeated_samples_give_finite_answers(n, n_features, repeated):
@@ -208,7 +208,7 @@ def test_constant_columns_and_a_constant_target_are_harmless():
     np.testing.assert_array_equal(net.predict(with_constant), net.predict(elsewhere))
     mean, deviation = net.fit(X, np.full(100, 0.1)).predict(X, return_std=True)
     np.testing.assert_allclose(mean, 0.1, rtol=1e-15)
-    assert deviation.max() < 1e-15
+    assert 0 < deviation.min() <= deviation.max() < 1e-12
 
 
 def test_the_same_seed_gives_the_same_weights_and_another_seed_others():

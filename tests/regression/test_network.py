@@ -141,11 +141,14 @@ def test_deviation_is_the_validation_error_and_comes_back_from_arrays():
     np.testing.assert_array_equal(copy.predict(X, return_std=True)[1], deviation)
 
 
-def test_deviation_without_validation_is_the_training_error():
-    X, y = _product(noise=0.3)
-    net = LMRegressor(max_iter=5).fit(X, y)
-    mean, deviation = net.predict(X, return_std=True)
-    np.testing.assert_allclose(deviation, np.sqrt(np.mean((mean - y) ** 2)), rtol=1e-10)
+def test_deviation_without_validation_is_that_of_new_samples_and_not_of_training():
+    """Thirty hidden units learn the noise of eighty samples by heart."""
+    X, y = _product(n=80, noise=0.3)
+    X_new, y_new = _product(n=2000, seed=1, noise=0.3)
+    net = LMRegressor(restarts=1).fit(X, y)
+    mean, deviation = net.predict(X_new, return_std=True)
+    assert np.std(net.predict(X) - y) < 0.05
+    assert 0.5 < np.sqrt(np.mean((mean - y_new) ** 2)) / deviation[0] < 2
 
 
 def test_arrays_from_before_the_error_was_kept_predict_but_know_no_deviation():

@@ -3,5 +3,13 @@
 from servoscope.kernels.gaussian import GaussianKernel, inverse_covariance
 from servoscope.kernels.leave_out import leave_out_residuals
 from servoscope.kernels.marginal_likelihood import fit_kernel
+from servoscope.kernels.repeats import find_repeats, merge_repeats
 
-__all__ = ["GaussianKernel", "fit_kernel", "inverse_covariance", "leave_out_residuals"]
+__all__ = [
+    "GaussianKernel",
+    "find_repeats",
+    "fit_kernel",
+    "inverse_covariance",
+    "leave_out_residuals",
+    "merge_repeats",
+]

@@ -15,7 +15,13 @@ PRIOR_WEIGHT, PRIOR_PRECISION = 0.1, 0.02
 """A feature's inverse length scale is log-normal about the former, with the latter's precision:
 weak, and enough to keep features apart that tell nothing."""
 
-_STARTING_NOISE = 0.1
+_STARTS = ((1.0, 0.1), (4.0, 0.03), (12.0, 0.03))
+"""Inverse length scales, as multiples of the usual ones, and noise to search from: where the
+target bends often, longer length scales end at noise alone."""
+
+_TRIAL_SAMPLES, _TRIAL_ITERATIONS = 100, 20
+"""On so many samples, for so long, starts other than the first show whether they lead further."""
+
 _WEIGHT_BOUNDS, _SIGNAL_BOUNDS, _NOISE_BOUNDS = (-9.0, 3.0), (-3.0, 4.0), (-9.0, 1.0)
 
 
@@ -25,7 +31,7 @@ class _Samples(NamedTuple):
 
 
 def fit_kernel(X: Array, y: Array, *, max_iter: int = 60, max_samples: int = 600) -> GaussianKernel:
-    """The kernel of largest marginal likelihood, found by L-BFGS.
+    """The kernel of largest marginal likelihood, found by L-BFGS from several starts.
 
     Parameters
     ----------
@@ -76,10 +82,29 @@ def fit_kernel(X: Array, y: Array, *, max_iter: int = 60, max_samples: int = 600
 
 
 def _maximise(samples: _Samples, max_iter: int) -> tuple[Array, float, float]:
-    n_features = samples.X.shape[1]
-    start = np.full(n_features + 2, -np.log(2 * np.sqrt(n_features)))
-    start[-2:] = 0.0, np.log(_STARTING_NOISE)
-    bounds = [_WEIGHT_BOUNDS] * n_features + [_SIGNAL_BOUNDS, _NOISE_BOUNDS]
+    first, *others = (_start(samples.X.shape[1], *start) for start in _STARTS)
+    best, least = _search(samples, first, max_iter)
+    step = -(-len(samples.y) // _TRIAL_SAMPLES)
+    few = _Samples(samples.X[::step], samples.y[::step])
+    for start in others:
+        trial, _ = _search(few, start, _TRIAL_ITERATIONS)
+        if negative_log_likelihood(trial, *samples)[0] < least:
+            trial, value = _search(samples, trial, max_iter)
+            if value < least:
+                best, least = trial, value
+    parameters = np.exp(best)
+    return parameters[:-2], float(parameters[-2]), float(parameters[-1])
+
+
+def _start(n_features: int, factor: float, noise: float) -> Array:
+    start = np.full(n_features + 2, np.log(factor) - np.log(2 * np.sqrt(n_features)))
+    start[-2:] = 0.0, np.log(noise)
+    return start
+
+
+def _search(samples: _Samples, start: Array, max_iter: int) -> tuple[Array, float]:
+    """Parameters of the largest likelihood from a start, and minus its logarithm."""
+    bounds = [_WEIGHT_BOUNDS] * samples.X.shape[1] + [_SIGNAL_BOUNDS, _NOISE_BOUNDS]
 
     def per_sample(parameters: Array) -> tuple[float, Array]:
         # The first step is as long as the gradient: that of all samples leads into poor optima.
@@ -94,8 +119,7 @@ def _maximise(samples: _Samples, max_iter: int) -> tuple[Array, float, float]:
         bounds=bounds,
         options={"maxiter": max_iter},
     )
-    parameters = np.exp(found.x)
-    return parameters[:-2], float(parameters[-2]), float(parameters[-1])
+    return found.x, len(samples.y) * float(found.fun)
 
 
 def negative_log_likelihood(parameters: Array, X: Array, y: Array) -> tuple[float, Array]:

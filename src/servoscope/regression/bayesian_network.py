@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Self, cast
 
 import numpy as np
@@ -12,7 +13,13 @@ from sklearn.utils.validation import check_is_fitted
 from servoscope.errors import InvalidInputError
 from servoscope.regression.bayesian import BayesianResult, BayesianSettings
 from servoscope.regression.network_regressor import NetworkRegressor, check_counts
-from servoscope.regression.samples import Array, Samples, check_arrays, check_samples
+from servoscope.regression.samples import (
+    Array,
+    Samples,
+    check_arrays,
+    check_samples,
+    least_deviation,
+)
 from servoscope.regression.surprise import surprise
 from servoscope.regression.training import train_restarts
 from servoscope.regression.weight_posterior import WeightPosterior
@@ -79,31 +86,42 @@ class BayesianLMRegressor(NetworkRegressor):
         y: ArrayLike,
         X_val: ArrayLike | None = None,
         y_val: ArrayLike | None = None,
+        poses: ArrayLike | None = None,
     ) -> Self:
         """Train on samples X (n, k) and y (n,).
 
         Parameters
         ----------
         X, y : arrays of shape (n, n_features) and (n,)
+            Two samples at least.
         X_val, y_val : arrays of shape (n_val, n_features) and (n_val,), optional
             More samples to learn from, once it is seen how large the errors at them are: by as
             much the predicted standard deviation is raised or lowered.
+        poses : array of shape (n,) or (n + n_val,), optional
+            Samples of equal value are repeated shots of one pose, which count as one sample, their
+            mean. By default they are found (`servoscope.kernels.find_repeats`).
 
         Raises
         ------
         InvalidInputError
-            If a parameter is out of range or only one of X_val and y_val is given.
+            If a parameter is out of range, only one of X_val and y_val is given, or values are
+            masked or beyond 1e60.
         ValueError
-            If an array is empty, has the wrong shape or holds NaN or infinity.
+            If an array is empty, has the wrong shape or holds NaN or infinity, or there is one
+            sample only.
         """
         self._check_parameters()
-        training, validation = check_samples(self, X, y, X_val, y_val)
-        self._train(training)
-        if validation is not None:
-            errors = validation.y - self.network_.predict(validation.X)
-            factor = surprise(errors, self._deviation(validation.X))
-            noise = factor * self.posterior_.noise / float(self.network_.target.scale)
-            self._train(training.joined(validation), noise)
+        learned, others = check_samples(self, X, y, X_val, y_val, poses)
+        self._train(learned.poses)
+        noise = self.posterior_.noise / float(self.network_.target.scale)
+        if others is not None:
+            errors = others.each.y - self.network_.predict(others.each.X)
+            noise *= surprise(errors, self._deviation(others.each.X))
+            self._train(learned.poses.joined(others.poses), noise)
+        elif learned.poses is not learned.each or not noise:
+            within = learned.noise_within(learned.each.y - self.network_.predict(learned.each.X))
+            noise = float(np.hypot(noise, np.sqrt(within))) or least_deviation(learned.each.y)
+            self._set_noise(noise)
         return self
 
     @property
@@ -121,6 +139,11 @@ class BayesianLMRegressor(NetworkRegressor):
             evidence.weight_decay,
             evidence.noise if noise is None else noise * float(self.network_.target.scale),
         )
+
+    def _set_noise(self, noise: float) -> None:
+        """Take another noise, in the unit of the target."""
+        scaled = noise * float(self.network_.target.scale)
+        self.posterior_ = replace(self.posterior_, noise=scaled)
 
     def _deviation(self, X: Array) -> Array:
         check_is_fitted(self, "posterior_")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from servoscope.arrays import as_numbers
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DOFS
 from servoscope.processes import in_processes, one_blas_thread
@@ -158,7 +159,7 @@ def _parts(X: Array, y: Array, split: Split) -> tuple[Samples, Samples, Samples]
 def _check(
     X: ArrayLike, Y: ArrayLike, split: Split, dofs: Sequence[str]
 ) -> tuple[Array, NDArray[np.float64]]:
-    X, Y = np.asarray(X, dtype=np.float64), np.asarray(Y, dtype=np.float64)
+    X, Y = as_numbers(X, "X"), as_numbers(Y, "Y")
     if X.ndim != 2 or Y.shape != (len(X), len(dofs)):
         raise InvalidInputError(
             f"X and Y must be of shape (n, n_features) and (n, {len(dofs)}), "

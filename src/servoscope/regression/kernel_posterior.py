@@ -71,6 +71,13 @@ class KernelPosterior:
         told = np.einsum("ij,ij->i", covariances @ self.inverse, covariances)
         return np.sqrt(np.maximum(self.kernel.signal**2 - told, 0) + self.kernel.noise**2)
 
+    def residuals_left_out(self) -> Array:
+        """Target less its prediction from all the other samples, at each sample, (n,)."""
+        if not self.kernel.signal:
+            n = len(self.samples.y)
+            return (self.samples.y - self.kernel.offset) * n / max(n - 1, 1)
+        return self.weights / np.diag(self.inverse)
+
     def gradient(self, X: Array) -> Array:
         """Derivatives of `mean` by the features, (n, n_features)."""
         here, there = self.kernel.scaled(X), self.kernel.scaled(self.samples.X)

@@ -12,10 +12,19 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from servoscope.arrays import check_unmasked
 from servoscope.errors import InvalidInputError
 from servoscope.kernels import GaussianKernel
 from servoscope.regression.kernel_posterior import KernelPosterior
-from servoscope.regression.samples import Array, Samples, check_arrays, check_samples
+from servoscope.regression.samples import (
+    Array,
+    Samples,
+    Shots,
+    check_arrays,
+    check_samples,
+    check_scale,
+    least_deviation,
+)
 from servoscope.regression.surprise import surprise
 
 KERNEL_SAMPLES = 600
@@ -40,36 +49,48 @@ class KernelRegressor(RegressorMixin, BaseEstimator):
         y: ArrayLike,
         X_val: ArrayLike | None = None,
         y_val: ArrayLike | None = None,
+        poses: ArrayLike | None = None,
     ) -> Self:
         """Learn from samples X (n, k) and y (n,).
 
         Parameters
         ----------
         X, y : arrays of shape (n, n_features) and (n,)
+            Two samples at least.
         X_val, y_val : arrays of shape (n_val, n_features) and (n_val,), optional
             More samples to learn from, once it is seen how large the errors at them are: by as
             much the predicted standard deviation is raised or lowered.
+        poses : array of shape (n,) or (n + n_val,), optional
+            Samples of equal value are repeated shots of one pose, which count as one sample, their
+            mean. By default they are found (`servoscope.kernels.find_repeats`).
 
         Raises
         ------
         InvalidInputError
-            If `max_samples` is below 1, or only one of X_val and y_val is given.
+            If `max_samples` is below 1, only one of X_val and y_val is given, or values are masked
+            or beyond 1e60.
         ValueError
-            If an array is empty, has the wrong shape or holds NaN or infinity.
+            If an array is empty, has the wrong shape or holds NaN or infinity, or there is one
+            sample only.
         """
         if self.max_samples < 1:
             raise InvalidInputError(f"max_samples must be at least 1, got {self.max_samples}.")
-        training, validation = check_samples(self, X, y, X_val, y_val)
-        training = drawn(training, self.max_samples)
+        learned, others = check_samples(self, X, y, X_val, y_val, poses)
+        training = drawn(learned.poses, self.max_samples)
         samples, kernel = training, self._find_kernel(training)
-        if validation is not None:
-            samples = drawn(training.joined(validation), self.max_samples)
+        if others is None:
+            factor = _spread_of_shots(KernelPosterior(kernel, training), learned)
+        else:
+            samples = drawn(training.joined(others.poses), self.max_samples)
             posterior = KernelPosterior(kernel, training)
-            errors = validation.y - posterior.mean(validation.X)
-            factor = surprise(errors, posterior.deviation(validation.X))
+            errors = others.each.y - posterior.mean(others.each.X)
+            factor = surprise(errors, posterior.deviation(others.each.X))
             if len(training.y) < KERNEL_SAMPLES:
                 kernel = self._find_kernel(samples)
-            kernel = replace(kernel, signal=factor * kernel.signal, noise=factor * kernel.noise)
+        noise = factor * kernel.noise or least_deviation(samples.y)
+        if not kernel.signal and len(samples.y) > 1:  # about the mean of the other samples
+            noise *= len(samples.y) / (len(samples.y) - 1)
+        kernel = replace(kernel, signal=factor * kernel.signal, noise=noise)
         self.posterior_ = KernelPosterior(kernel, samples)
         return self
 
@@ -144,7 +165,19 @@ class KernelRegressor(RegressorMixin, BaseEstimator):
 
     def _check_features(self, X: ArrayLike) -> Array:
         check_is_fitted(self)
-        return np.asarray(validate_data(self, X, reset=False, dtype=np.float64))
+        check_unmasked(X, "X")
+        features = np.asarray(validate_data(self, X, reset=False, dtype=np.float64))
+        check_scale(features, "X")
+        return features
+
+
+def _spread_of_shots(posterior: KernelPosterior, shots: Shots) -> float:
+    """By how much single shots are further from what other poses predict than their means are."""
+    if shots.poses is shots.each:
+        return 1.0
+    within = shots.noise_within(shots.each.y - posterior.mean(shots.each.X))
+    left_out = np.mean(np.square(posterior.residuals_left_out()))
+    return float(np.sqrt(1 + within / left_out)) if left_out else 1.0
 
 
 def drawn(samples: Samples, n: int) -> Samples:

@@ -16,8 +16,7 @@ class LBFGSRegressor(NetworkRegressor):
     standardised, training goes on until the error on the validation samples has not fallen by
     0.5 % for `patience` steps, and the weights of its lowest point are kept, of the best of
     `restarts` random starts. Without validation samples `weight_decay` alone holds training back.
-    The predicted standard deviation is the RMS error of the validation samples, or of the
-    training samples where there were none; it is the same everywhere.
+    The predicted standard deviation is that of `LMRegressor`.
 
     Parameters
     ----------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Literal, Self, overload
 
 import numpy as np
@@ -12,12 +13,20 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from servoscope.arrays import check_unmasked
 from servoscope.errors import InvalidInputError
-from servoscope.regression.samples import Array, check_arrays, check_samples
+from servoscope.regression.samples import (
+    Array,
+    check_arrays,
+    check_samples,
+    check_scale,
+    least_deviation,
+)
 from servoscope.regression.training import (
     Settings,
     Standardisation,
     TrainedNetwork,
+    rms_left_out,
     train_restarts,
 )
 from servoscope.regression.training_result import TrainingResult
@@ -47,8 +56,19 @@ class NetworkRegressor(RegressorMixin, BaseEstimator):
         y: ArrayLike,
         X_val: ArrayLike | None = None,
         y_val: ArrayLike | None = None,
+        poses: ArrayLike | None = None,
     ) -> Self:
         """Train on samples X (n, k) and y (n,), stopping by X_val (n_val, k) and y_val (n_val,).
+
+        Parameters
+        ----------
+        X, y : arrays of shape (n, n_features) and (n,)
+            Two samples at least.
+        X_val, y_val : arrays of shape (n_val, n_features) and (n_val,), optional
+            Those of poses that are trained on stop nothing, and are trained on as well.
+        poses : array of shape (n,) or (n + n_val,), optional
+            Samples of equal value are repeated shots of one pose, which count as one sample, their
+            mean. By default they are found (`servoscope.kernels.find_repeats`).
 
         Returns
         -------
@@ -57,13 +77,18 @@ class NetworkRegressor(RegressorMixin, BaseEstimator):
         Raises
         ------
         InvalidInputError
-            If a parameter is out of range or only one of X_val and y_val is given.
+            If a parameter is out of range, only one of X_val and y_val is given, or values are
+            masked or beyond 1e60.
         ValueError
-            If an array is empty, has the wrong shape or holds NaN or infinity.
+            If an array is empty, has the wrong shape or holds NaN or infinity, or there is one
+            sample only.
         """
         options = self.training_options()
-        training, validation = check_samples(self, X, y, X_val, y_val)
-        self.network_ = train_restarts(*training, *(validation or (None, None)), **options)
+        learned, others = check_samples(self, X, y, X_val, y_val, poses)
+        validation = (None, None) if others is None else others.each
+        network = train_restarts(*learned.poses, *validation, **options)
+        error = rms_left_out(learned, options) if others is None else network.error
+        self.network_ = replace(network, error=error or least_deviation(learned.each.y))
         return self
 
     @overload
@@ -91,7 +116,9 @@ class NetworkRegressor(RegressorMixin, BaseEstimator):
             arrays before it was kept with them.
         """
         check_is_fitted(self)
+        check_unmasked(X, "X")
         samples = np.asarray(validate_data(self, X, reset=False, dtype=np.float64))
+        check_scale(samples, "X")
         mean = self.network_.predict(samples)
         return (mean, self._deviation(samples)) if return_std else mean
 

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from servoscope.arrays import as_numbers
 from servoscope.errors import InvalidInputError
 from servoscope.processes import in_processes
+from servoscope.regression.samples import Samples, Shots, group_shots, least_deviation
 from servoscope.regression.tanh_network import Array
-from servoscope.regression.training import TrainedNetwork, train_restarts
+from servoscope.regression.training import TrainedNetwork, rms_left_out, train_restarts
 
 if TYPE_CHECKING:
     from servoscope.regression.network import LMRegressor
+
+Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +90,25 @@ def train_networks(
 
     samples = _check_samples(X, Y, jobs)
     held_out = None if validation is None else _check_rows(validation, len(samples[0]))
-    parts = _check_rows(train, len(samples[0])), held_out
+    samples, parts = _by_poses(samples, _check_rows(train, len(samples[0])), held_out)
     template = LMRegressor() if regressor is None else regressor
     options = [template.training_options(job.seed) for job in jobs]
     networks = _train_all(samples, jobs, parts, options, n_jobs)
     return _adopt_all(networks, jobs, template, on_progress)
+
+
+def _by_poses(
+    samples: tuple[Array, Array], train: Indices, held_out: Indices | None
+) -> tuple[tuple[Array, Array], tuple[Any, Any]]:
+    """Samples in which the repeated shots of a pose that trains are one, their mean."""
+    X, Y = samples
+    validation = None if held_out is None else Samples(X[held_out], Y[held_out])
+    learned, others = group_shots(Samples(X[train], Y[train]), validation)
+    if learned.poses is learned.each and len(learned.each.y) == len(train):
+        return samples, (train, held_out)
+    n = len(learned.poses.y)
+    X, Y = learned.poses.joined(None if others is None else others.each)
+    return (X, Y), (np.arange(n), None if others is None else np.arange(n, len(Y)))
 
 
 def _adopt_all(
@@ -122,12 +140,16 @@ def _train_one(
     X: Array, Y: Array, train: Any, validation: Any, job: NetworkJob, options: dict[str, Any]
 ) -> TrainedNetwork:
     Z, y = X[:, job.columns], Y[:, job.target]
-    held_out = (None, None) if validation is None else (Z[validation], y[validation])
-    return train_restarts(Z[train], y[train], *held_out, **options)
+    if validation is not None:
+        return train_restarts(Z[train], y[train], Z[validation], y[validation], **options)
+    samples = Samples(Z[train], y[train])
+    network = train_restarts(*samples, None, None, **options)
+    shots = Shots(samples, samples, np.arange(len(samples.y)))
+    return replace(network, error=rms_left_out(shots, options) or least_deviation(samples.y))
 
 
 def _check_samples(X: ArrayLike, Y: ArrayLike, jobs: Sequence[NetworkJob]) -> tuple[Array, Array]:
-    X, Y = np.asarray(X, dtype=np.float64), np.asarray(Y, dtype=np.float64)
+    X, Y = as_numbers(X, "X"), as_numbers(Y, "Y")
     if X.ndim != 2 or Y.ndim != 2 or len(X) != len(Y):
         raise InvalidInputError(
             "X and Y must be of shape (n_samples, n_features) and (n_samples, n_targets), "

@@ -10,13 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted, has_fit_parameter, validate_data
 
+from servoscope.arrays import check_unmasked
 from servoscope.errors import InvalidInputError
+from servoscope.kernels import find_repeats
 from servoscope.poses import DOFS
 from servoscope.regression.registry import (
     make_regressor,
     regressor_as_arrays,
     regressor_from_arrays,
 )
+from servoscope.regression.samples import Samples
 
 Array = NDArray[np.float64]
 Columns = Sequence[int] | Sequence[str]
@@ -83,6 +86,7 @@ class PoseRegressor(RegressorMixin, BaseEstimator):
         X : array or DataFrame of shape (n, n_features)
         delta_p : array of shape (n, n_dofs)
             In the order of `dofs`, in any unit.
+            Repeated shots of one pose count as one sample.
         X_val, delta_p_val : arrays of shape (n_val, n_features) and (n_val, n_dofs), optional
             Samples that stop the training of networks, and that others learn from as well; only
             for regressors whose `fit` takes ``X_val, y_val``.
@@ -94,19 +98,24 @@ class PoseRegressor(RegressorMixin, BaseEstimator):
         Raises
         ------
         InvalidInputError
-            If a subset names no dof or no feature that there is, or the number of dofs differs.
+            If a subset names no dof or no feature that there is, the number of dofs differs, or
+            values are masked.
         """
         features, targets = self._check(X, delta_p, reset=True)
         template = make_regressor(self.regressor)
         held_out = None
         if X_val is not None and has_fit_parameter(template, "X_val"):
-            held_out = self._check(X_val, delta_p_val, reset=False)
+            held_out = Samples(*self._check(X_val, delta_p_val, reset=False))
+        known = {}
+        if has_fit_parameter(template, "poses"):
+            # Of all dofs together: one dof may be the same at many poses.
+            known["poses"] = find_repeats(*Samples(features, targets).joined(held_out))
         self.columns_ = self._resolve_subsets()
         self.regressors_ = {}
         for i, (dof, columns) in enumerate(self.columns_.items()):
-            stop = {}
+            stop = known.copy()
             if held_out is not None:
-                stop = {"X_val": held_out[0][:, columns], "y_val": held_out[1][:, i]}
+                stop |= {"X_val": held_out[0][:, columns], "y_val": held_out[1][:, i]}
             self.regressors_[dof] = clone(template).fit(features[:, columns], targets[:, i], **stop)
         return self
 
@@ -134,6 +143,7 @@ class PoseRegressor(RegressorMixin, BaseEstimator):
             If the deviation is asked for and a regressor cannot tell it.
         """
         check_is_fitted(self)
+        check_unmasked(X, "X")
         features: Any = validate_data(self, X, reset=False, dtype=np.float64)
         options = {"return_std": True} if return_std else {}
         answers = [
@@ -217,6 +227,8 @@ class PoseRegressor(RegressorMixin, BaseEstimator):
         return model
 
     def _check(self, X: Any, delta_p: Any, reset: bool) -> tuple[NDArray, NDArray]:
+        check_unmasked(X, "X")
+        check_unmasked(delta_p, "delta_p")
         X, delta_p = validate_data(
             self, X, delta_p, reset=reset, dtype=np.float64, multi_output=True, y_numeric=True
         )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from servoscope.processes import one_blas_thread
+from servoscope.regression.samples import Shots
 from servoscope.regression.tanh_network import (
     Array,
     append_ones,
@@ -17,6 +18,9 @@ from servoscope.regression.tanh_network import (
     initial_weights,
 )
 from servoscope.regression.training_result import TrainingResult
+
+_N_PARTS = 4
+"""Parts of the samples that are left out in turn where no others tell how large errors are."""
 
 
 class Settings(Protocol):
@@ -60,8 +64,7 @@ class TrainedNetwork:
     best : int
         Which of them gave the weights.
     error : float
-        RMS error at validation samples, at training samples where there were none; NaN where it
-        is not known.
+        RMS error at samples that the network was not trained on; NaN where it is not known.
     """
 
     weights: Array
@@ -106,8 +109,33 @@ def train_restarts(
         results = [train(X, y, start, X_val, y_val) for start in starts]
     best = int(np.argmin([result.loss for result in results]))
     scaled = tuple(_rescale(result, 1.0 / float(target.scale)) for result in results)
-    weights, error = results[best].weights, scaled[best].best_rms
-    return TrainedNetwork(weights, inputs, target, scaled, best, error)
+    error = float("nan") if X_val is None else scaled[best].best_rms
+    return TrainedNetwork(results[best].weights, inputs, target, scaled, best, error)
+
+
+def rms_left_out(shots: Shots, options: Mapping[str, Any]) -> float:
+    """RMS error at shots of poses that networks trained in the same way have not seen.
+
+    A network without validation samples has no error of its own but that of training, which is as
+    small as its weights are many. So others are trained without each of a few parts of the poses.
+
+    Parameters
+    ----------
+    options : dict
+        Of `train_restarts`; one start is enough here.
+    """
+    n_poses = len(shots.poses.y)
+    order = np.random.default_rng(0).permutation(n_poses)
+    squares = np.empty(len(shots.each.y))
+    for part in np.array_split(order, min(_N_PARTS, n_poses)):
+        others = np.delete(np.arange(n_poses), part)
+        unseen = np.isin(shots.members, part)
+        network = train_restarts(
+            *(shots.poses.X[others], shots.poses.y[others], None, None),
+            **{**options, "restarts": 1},
+        )
+        squares[unseen] = (shots.each.y[unseen] - network.predict(shots.each.X[unseen])) ** 2
+    return float(np.sqrt(np.mean(shots.mean_of_poses(squares))))
 
 
 def _starts(n_features: int, hidden: int, restarts: int, seed: int) -> Iterator[Array]:
