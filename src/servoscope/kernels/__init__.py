@@ -1,9 +1,9 @@
 """Gaussian kernels: what a smooth function of the features can tell, in closed form."""
 
 from servoscope.kernels.gaussian import GaussianKernel, inverse_covariance
-from servoscope.kernels.leave_out import leave_out_residuals
+from servoscope.kernels.leave_out import leave_out_residuals, shots_left_out
 from servoscope.kernels.marginal_likelihood import fit_kernel
-from servoscope.kernels.repeats import find_repeats, merge_repeats
+from servoscope.kernels.repeats import find_repeats, merge_repeats, whole_poses
 
 __all__ = [
     "GaussianKernel",
@@ -12,4 +12,6 @@ __all__ = [
     "inverse_covariance",
     "leave_out_residuals",
     "merge_repeats",
+    "shots_left_out",
+    "whole_poses",
 ]

@@ -45,9 +45,51 @@ def leave_out_residuals(
     True
     """
     inverse, _ = inverse_covariance(kernel, X)
+    return _residuals(inverse, inverse @ (y - kernel.offset), groups)
+
+
+def shots_left_out(
+    kernel: GaussianKernel,
+    X: Array,
+    y: Array,
+    groups: NDArray[np.intp] | None,
+    shots: tuple[Array, Array, NDArray[np.intp]],
+) -> Array:
+    """Target minus prediction at single shots, from the samples of other groups than their own.
+
+    Parameters
+    ----------
+    kernel : GaussianKernel
+    X, y : ndarrays of shape (n, n_features) and (n,)
+        Samples, such as the means of repeated shots.
+    groups : ndarray of shape (n,), optional
+        Which samples are left out together; by default each by itself.
+    shots : ndarrays of shape (n_shots, n_features), (n_shots,) and (n_shots,)
+        Features, targets, and which sample each is a shot of.
+
+    Returns
+    -------
+    ndarray of shape (n_shots,)
+        In the target's unit.
+
+    Notes
+    -----
+    With ``r`` the residuals of `leave_out_residuals`, leaving the samples ``B`` out changes the
+    prediction at x by ``- k(x, X) G[:, B] r_B``.
+    """
+    X_shots, y_shots, members = shots
+    inverse, _ = inverse_covariance(kernel, X)
     weights = inverse @ (y - kernel.offset)
+    units = np.arange(len(y)) if groups is None else groups
+    covariances = kernel(X_shots, X)
+    own = units[members][:, None] == units
+    by_own = np.where(own, covariances @ inverse, 0.0) @ _residuals(inverse, weights, groups)
+    return np.asarray(y_shots - kernel.offset - covariances @ weights + by_own)
+
+
+def _residuals(inverse: Array, weights: Array, groups: NDArray[np.intp] | None) -> Array:
     if groups is None:
-        return weights / np.diag(inverse)
+        return np.asarray(weights / np.diag(inverse))
     residuals = np.empty_like(weights)
     for group in np.unique(groups):
         left_out = np.flatnonzero(groups == group)

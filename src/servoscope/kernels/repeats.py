@@ -78,11 +78,16 @@ def find_repeats(X: Array, y: Array) -> Groups:
     return _in_order(_joined(found))
 
 
-def merge_repeats(X: Array, y: Array, groups: Groups) -> tuple[Array, Array]:
-    """The mean of each group's features and targets."""
-    if len(groups) == groups.max() + 1:
+def merge_repeats(X: Array, y: Array, poses: Groups) -> tuple[Array, Array]:
+    """The mean of each pose's features and targets."""
+    if len(poses) == poses.max() + 1:
         return X, y
-    return _means(X, groups), _means(y, groups)
+    return _means(X, poses), _means(y, poses)
+
+
+def whole_poses(poses: Groups, groups: Groups) -> Groups:
+    """Groups of shots in which no pose is divided."""
+    return _in_order(_joined([poses, groups]))
 
 
 def _standardised(table: Array) -> Array:

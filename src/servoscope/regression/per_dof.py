@@ -106,14 +106,14 @@ class PoseRegressor(RegressorMixin, BaseEstimator):
         held_out = None
         if X_val is not None and has_fit_parameter(template, "X_val"):
             held_out = Samples(*self._check(X_val, delta_p_val, reset=False))
-        known = {}
+        known: dict[str, NDArray] = {}
         if has_fit_parameter(template, "poses"):
             # Of all dofs together: one dof may be the same at many poses.
             known["poses"] = find_repeats(*Samples(features, targets).joined(held_out))
         self.columns_ = self._resolve_subsets()
         self.regressors_ = {}
         for i, (dof, columns) in enumerate(self.columns_.items()):
-            stop = known.copy()
+            stop: dict[str, NDArray] = known.copy()
             if held_out is not None:
                 stop |= {"X_val": held_out[0][:, columns], "y_val": held_out[1][:, i]}
             self.regressors_[dof] = clone(template).fit(features[:, columns], targets[:, i], **stop)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from servoscope.errors import InvalidInputError
-from servoscope.kernels import fit_kernel
+from servoscope.kernels import find_repeats, fit_kernel, merge_repeats, whole_poses
 from servoscope.processes import in_processes, one_blas_thread
 from servoscope.selection.forecast import (
     Array,
@@ -23,7 +23,8 @@ from servoscope.selection.forecast import (
     summarise_residuals,
 )
 from servoscope.selection.kernel_prediction import predict_samples
-from servoscope.selection.tables import as_samples, as_table
+from servoscope.selection.poses import group_poses
+from servoscope.selection.tables import as_samples, as_table, in_ordinary_units
 
 Progress = Callable[[int], object]
 Indices = NDArray[np.intp]
@@ -156,7 +157,7 @@ def refit_features(
     if n_folds < 2:
         raise InvalidInputError(f"n_folds must be 2 or more, got {n_folds!r}.")
     _, targets = as_samples(np.arange(len(images))[:, None], Y)
-    members = check_groups(groups, len(images))
+    members = _of_shots(targets, check_groups(groups, len(images)))
     folds = []
     for left_out in cut_samples(len(images), members, n_folds):
         used = np.delete(np.arange(len(images)), left_out)
@@ -198,33 +199,47 @@ def forecast_from_folds(
     chosen = slice(None) if columns is None else np.asarray(columns, dtype=np.intp)
     tables = [as_samples(fold.X[:, chosen], Y) for fold in folds]
     members = check_groups(groups, len(tables[0][0]))
-    targets = tables[0][1] - tables[0][1][0]  # what never changes is exactly 0
+    targets, unit = in_ordinary_units(tables[0][1])
+    targets = targets - targets[0]  # what never changes is exactly 0
+    features = [in_ordinary_units(X)[0] for X, _ in tables]
+    poses = [find_repeats(X, targets) for X in features]
     effort = {"max_samples": max_samples, "max_iter": max_iter}
     calls = [
-        (X, y, fold.left_out, effort)
+        (X, y, of_fold, fold.left_out, effort)
         for y in targets.T
-        for fold, (X, _) in zip(folds, tables, strict=True)
+        for fold, X, of_fold in zip(folds, features, poses, strict=True)
     ]
     full, fewer = np.empty_like(targets), np.empty_like(targets)
     for i, found in enumerate(in_processes(_residuals_left_out, calls, n_jobs)):
         rows = folds[i % len(folds)].left_out
         full[rows, i // len(folds)], fewer[rows, i // len(folds)] = found
     residuals = full * _gain(root_mean_square(full), root_mean_square(fewer))
-    return summarise_residuals(residuals, tables[0][0], targets, members, coverage)
+    counted = group_poses(features[0], targets, _of_shots(targets, members))
+    return summarise_residuals(residuals, counted, targets, coverage).in_units(unit)
+
+
+def _of_shots(targets: Array, groups: Indices | None) -> Indices | None:
+    """Groups of images in which none of those of equal or next to equal targets are divided."""
+    poses = find_repeats(targets, targets)
+    if groups is not None:
+        return whole_poses(poses, groups)
+    return poses if poses.max() + 1 < len(poses) else None
 
 
 def _residuals_left_out(
-    X: Array, y: Array, left_out: Indices, effort: dict[str, int]
+    X: Array, y: Array, members: Indices, left_out: Indices, effort: dict[str, int]
 ) -> tuple[Array, Array]:
     """Residuals from all other samples, and from fewer of them by the same ratio once more."""
-    used = np.delete(np.arange(len(X)), left_out)
-    n_fewer = round(len(used) ** 2 / len(X))
-    fewer = np.sort(np.random.default_rng(0).permutation(used)[:n_fewer])
+    others = np.delete(np.arange(len(X)), left_out)
+    _, poses = np.unique(members[others], return_inverse=True)
+    X_used, y_used = merge_repeats(X[others], y[others], poses)
+    n_fewer = round(len(y_used) * len(others) / len(X))
+    fewer = np.sort(np.random.default_rng(0).permutation(len(y_used))[:n_fewer])
     with one_blas_thread():
-        kernel = fit_kernel(X[used], y[used], **effort)
+        kernel = fit_kernel(X_used, y_used, **effort)
         return (
-            y[left_out] - predict_samples(kernel, X[used], y[used], X[left_out]),
-            y[left_out] - predict_samples(kernel, X[fewer], y[fewer], X[left_out]),
+            y[left_out] - predict_samples(kernel, X_used, y_used, X[left_out]),
+            y[left_out] - predict_samples(kernel, X_used[fewer], y_used[fewer], X[left_out]),
         )
 
 

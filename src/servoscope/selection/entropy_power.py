@@ -10,7 +10,7 @@ from scipy.stats import differential_entropy
 
 from servoscope.selection.bias import corrected_mutual_information
 from servoscope.selection.ranks import normal_scores
-from servoscope.selection.tables import as_samples
+from servoscope.selection.tables import as_samples, in_ordinary_units
 
 Array = NDArray[np.float64]
 
@@ -38,6 +38,10 @@ class EntropyPower:
 
     single: Array
     joint: Array
+
+    def in_units(self, unit: Array) -> EntropyPower:
+        """The same where one of a target's present units is so many others."""
+        return EntropyPower(self.single * unit, self.joint * unit)
 
 
 def entropy_power(X: ArrayLike, Y: ArrayLike, n_bins: int = 10) -> EntropyPower:
@@ -79,6 +83,7 @@ def entropy_power(X: ArrayLike, Y: ArrayLike, n_bins: int = 10) -> EntropyPower:
     (array([1.]), array([2.]))
     """
     features, targets = as_samples(X, Y)
+    targets, unit = in_ordinary_units(targets)
     single = corrected_mutual_information(features, targets, n_bins).max(axis=0)
     spread = np.std(targets, axis=0)
     moves = spread > 1e-12 * np.abs(targets.mean(axis=0))
@@ -88,7 +93,7 @@ def entropy_power(X: ArrayLike, Y: ArrayLike, n_bins: int = 10) -> EntropyPower:
     return EntropyPower(
         single=_error_allowed(entropy - np.maximum(single, 0.0)),
         joint=_error_allowed(entropy - joint_information(features, targets)),
-    )
+    ).in_units(unit)
 
 
 def joint_information(X: Array, Y: Array) -> Array:

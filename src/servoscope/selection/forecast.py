@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from servoscope.errors import InvalidInputError
-from servoscope.kernels import fit_kernel, leave_out_residuals
+from servoscope.kernels import fit_kernel, leave_out_residuals, shots_left_out
 from servoscope.processes import in_processes, one_blas_thread
 from servoscope.selection.entropy_power import EntropyPower, entropy_power
+from servoscope.selection.poses import Poses, group_poses
 from servoscope.selection.rms_interval import rms_interval
-from servoscope.selection.tables import as_samples
+from servoscope.selection.tables import as_samples, in_ordinary_units
 
 Array = NDArray[np.float64]
 Groups = NDArray[np.intp]
@@ -58,6 +59,16 @@ class Forecast:
         left = np.divide(self.rms, self.baseline, out=np.ones_like(self.rms), where=self.rms > 0)
         return np.clip(1.0 - left**2, 0.0, 1.0)
 
+    def in_units(self, unit: Array) -> Forecast:
+        """The same where one of a target's present units is so many others."""
+        return Forecast(
+            self.rms * unit,
+            self.interval * unit,
+            self.baseline * unit,
+            self.residuals * unit,
+            self.entropy_power.in_units(unit),
+        )
+
 
 def forecast_errors(
     X: ArrayLike,
@@ -79,7 +90,8 @@ def forecast_errors(
     Y : array of shape (n_samples, n_targets) or (n_samples,)
     groups : array of shape (n_samples,), optional
         What belongs together and is left out together, such as the blocks of a sequence; 4 groups
-        at least. By default each sample is by itself, and repeated ones are left out together.
+        at least. By default each sample is by itself. Repeated shots of one pose are always left
+        out together, and count as one sample (`servoscope.kernels.find_repeats`).
     coverage : float
         Of the interval, 0 to 1.
     n_jobs : int, optional
@@ -124,28 +136,33 @@ def forecast_errors(
     """
     check_coverage(coverage)
     features, targets = as_samples(X, Y)
+    (features, _), (targets, unit) = in_ordinary_units(features), in_ordinary_units(targets)
     targets = targets - targets[0]  # what never changes is exactly 0
-    together = check_groups(groups, len(features))
-    left_out = repeated_samples(features) if together is None else together
-    parts = cut_samples(len(features), together, n_parts(len(features), max_samples))
+    poses = group_poses(features, targets, check_groups(groups, len(features)))
+    parts = cut_samples(len(poses), poses.groups, n_parts(len(poses), max_samples))
     effort = {"max_samples": max_samples, "max_iter": max_iter}
-    calls = [(features, y, left_out, part, effort) for y in targets.T for part in parts]
+    calls = [
+        (poses.X, y, poses.groups, (features, y_shots, poses.members), part, effort)
+        for y, y_shots in zip(poses.Y.T, targets.T, strict=True)
+        for part in parts
+    ]
     residuals = np.empty_like(targets)
     for i, found in enumerate(in_processes(_residuals_of_part, calls, n_jobs)):
-        residuals[parts[i % len(parts)], i // len(parts)] = found
-    return summarise_residuals(residuals, features, targets, together, coverage)
+        residuals[np.isin(poses.members, parts[i % len(parts)]), i // len(parts)] = found
+    return summarise_residuals(residuals, poses, targets, coverage).in_units(unit)
 
 
 def summarise_residuals(
-    residuals: Array, features: Array, targets: Array, groups: Groups | None, coverage: float
+    residuals: Array, poses: Poses, targets: Array, coverage: float
 ) -> Forecast:
-    """The forecast that residuals of all samples make."""
+    """The forecast that residuals of all shots make."""
+    groups = poses.groups_of_shots
     return Forecast(
         rms=root_mean_square(residuals),
-        interval=rms_interval(residuals, groups, coverage, len(residuals) ** -0.5),
+        interval=rms_interval(residuals, groups, coverage, len(poses) ** -0.5),
         baseline=root_mean_square(_residuals_about_mean(targets, groups)),
         residuals=residuals,
-        entropy_power=entropy_power(features, targets),
+        entropy_power=entropy_power(poses.X, poses.Y),
     )
 
 
@@ -183,12 +200,6 @@ def check_coverage(coverage: float) -> None:
         raise InvalidInputError(f"coverage must be between 0 and 1, got {coverage!r}.")
 
 
-def repeated_samples(X: Array) -> Groups | None:
-    """Groups of samples whose features are equal; None where none are."""
-    distinct, members = np.unique(X, axis=0, return_inverse=True)
-    return None if len(distinct) == len(X) else np.asarray(members, dtype=np.intp)
-
-
 def n_parts(n_samples: int, max_samples: int) -> int:
     """The fewest parts, 2 to 5, of which all but one hold as many samples as choose a kernel."""
     spare = max(n_samples - max_samples, 1)
@@ -215,14 +226,23 @@ def root_mean_square(residuals: Array) -> Array:
 
 
 def _residuals_of_part(
-    X: Array, y: Array, left_out: Groups | None, part: NDArray[np.intp], effort: dict[str, int]
+    X: Array,
+    y: Array,
+    groups: Groups | None,
+    shots: tuple[Array, Array, Groups],
+    part: NDArray[np.intp],
+    effort: dict[str, int],
 ) -> Array:
-    """Residuals of a part under the kernel that is the likeliest on all others."""
+    """Residuals of the shots of some poses under the kernel that is the likeliest on all others."""
+    chosen = np.isin(shots[2], part)
     with one_blas_thread():
         kernel = fit_kernel(np.delete(X, part, axis=0), np.delete(y, part), **effort)
         if kernel.signal == 0:
-            return y[part] - kernel.offset
-        return leave_out_residuals(kernel, X, y, left_out)[part]
+            return shots[1][chosen] - kernel.offset
+        if len(X) == len(shots[0]):
+            return leave_out_residuals(kernel, X, y, groups)[part]
+        counted = shots[0][chosen], shots[1][chosen], shots[2][chosen]
+        return shots_left_out(kernel, X, y, groups, counted)
 
 
 def _residuals_about_mean(targets: Array, groups: Groups | None) -> Array:

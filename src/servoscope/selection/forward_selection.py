@@ -14,8 +14,9 @@ from servoscope.kernels import GaussianKernel, leave_out_residuals
 from servoscope.processes import one_blas_thread
 from servoscope.selection.candidates import Candidates
 from servoscope.selection.forecast import check_groups
+from servoscope.selection.poses import group_poses
 from servoscope.selection.ranking import Ranking
-from servoscope.selection.tables import as_samples
+from servoscope.selection.tables import as_samples, in_ordinary_units
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -75,7 +76,7 @@ class _Samples:
 
 
 def rank_forward(candidates: Candidates, n_features: int) -> ForwardRanking:
-    """Rank features by forward selection; each sample is left out by itself.
+    """Rank features by forward selection; each pose is left out by itself.
 
     Parameters
     ----------
@@ -139,12 +140,13 @@ def forward_selection(
     if not isinstance(n_features, Integral) or n_features < 1:
         raise InvalidInputError(f"n_features must be 1 or more, got {n_features!r}.")
     features, targets = as_samples(X, y)
-    members = check_groups(groups, len(features))
-    n_steps, spread = min(int(n_features), features.shape[1]), float(targets[:, 0].std())
-    if spread <= 1e-12 * abs(float(targets[:, 0].mean())):
+    (features, _), (targets, unit) = in_ordinary_units(features), in_ordinary_units(targets)
+    poses = group_poses(features, targets, check_groups(groups, len(features)))
+    n_steps, spread = min(int(n_features), features.shape[1]), float(poses.Y[:, 0].std())
+    if spread <= 1e-12 * abs(float(poses.Y[:, 0].mean())):
         return _nothing_to_tell(features.shape[1], n_steps)
-    samples = _Samples(_standardised(features), _standardised(targets)[:, 0], members)
-    drawn = np.random.default_rng(0).permutation(len(features))[:max_samples]
+    samples = _Samples(_standardised(poses.X), _standardised(poses.Y)[:, 0], poses.groups)
+    drawn = np.random.default_rng(0).permutation(len(poses))[:max_samples]
     with one_blas_thread():
         order, kernels, scores = _select(samples[np.sort(drawn)], n_steps)
         errors = [
@@ -152,7 +154,7 @@ def forward_selection(
         ]
     relevance, redundancy = _as_information(order, scores)
     return ForwardRanking(
-        np.array(order, dtype=np.intp), relevance, redundancy, spread * np.array(errors)
+        np.array(order, dtype=np.intp), relevance, redundancy, spread * unit[0] * np.array(errors)
     )
 
 

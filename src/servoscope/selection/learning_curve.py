@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import t
 
 from servoscope.errors import InvalidInputError
-from servoscope.kernels import fit_kernel
+from servoscope.kernels import fit_kernel, merge_repeats
 from servoscope.processes import in_processes, one_blas_thread
 from servoscope.selection.forecast import (
     Array,
@@ -20,9 +20,10 @@ from servoscope.selection.forecast import (
     forecast_errors,
 )
 from servoscope.selection.kernel_prediction import predict_samples
+from servoscope.selection.poses import group_poses
 from servoscope.selection.power_law import PowerLaw, fit_power_law
 from servoscope.selection.rms_interval import rms_log_error
-from servoscope.selection.tables import as_samples
+from servoscope.selection.tables import as_samples, in_ordinary_units
 
 Indices = NDArray[np.intp]
 
@@ -171,6 +172,7 @@ def learning_curve(
     (array([0.1]), [None])
     """
     features, targets = as_samples(X, Y)
+    (features, _), (targets, unit) = in_ordinary_units(features), in_ordinary_units(targets)
     if len(features) < LEAST_SAMPLES:
         raise InvalidInputError(
             f"A learning curve needs at least {LEAST_SAMPLES} samples, got {len(features)}; "
@@ -180,20 +182,28 @@ def learning_curve(
     effort = {"max_samples": max_samples, "max_iter": max_iter}
     targets = targets - targets[0]  # what never changes is exactly 0
     forecast = forecast_errors(features, targets, groups=members, n_jobs=n_jobs, **effort)
-    subsets = _draw_subsets(len(features), members)
+    poses = group_poses(features, targets, members)
+    subsets = _draw_subsets(len(features), poses.groups_of_shots)
     calls = [
-        (features, y, subset, effort) for y in targets.T for draws in subsets for subset in draws
+        (features, y, poses.members, subset, effort)
+        for y in targets.T
+        for draws in subsets
+        for subset in draws
     ]
     logs = iter(in_processes(_log_rms_of_others, calls, n_jobs))
     measured = [[[next(logs) for _ in draws] for draws in subsets] for _ in targets.T]
     n_images = np.array([round(np.mean([len(d) for d in s])) for s in subsets] + [len(features)])
-    error, n_groups = rms_log_error(forecast.residuals, members)
-    laws, rms = zip(
-        *(_fit(n_images, m, whole) for m, whole in zip(measured, forecast.rms, strict=True)),
-        strict=True,
-    )
+    error, n_groups = rms_log_error(forecast.residuals, poses.groups_of_shots)
+    fits = [_fit(n_images, m, whole) for m, whole in zip(measured, forecast.rms, strict=True)]
     return LearningCurve(
-        n_images, np.transpose(rms), forecast, laws, error * t.isf(0.05, n_groups - 1)
+        n_images,
+        np.transpose([rms for _, rms in fits]) * unit,
+        forecast.in_units(unit),
+        tuple(
+            law and replace(law, level=law.level * size)
+            for (law, _), size in zip(fits, unit, strict=True)
+        ),
+        error * t.isf(0.05, n_groups - 1),
     )
 
 
@@ -210,12 +220,16 @@ def _draw_subsets(n_samples: int, groups: Indices | None) -> list[list[Indices]]
     return subsets
 
 
-def _log_rms_of_others(X: Array, y: Array, subset: Indices, effort: dict[str, int]) -> float:
+def _log_rms_of_others(
+    X: Array, y: Array, members: Indices, subset: Indices, effort: dict[str, int]
+) -> float:
     """Logarithm of the RMS error at all samples outside of the subset that predicts them."""
     others = np.delete(np.arange(len(X)), subset)
+    _, poses = np.unique(members[subset], return_inverse=True)
+    X_known, y_known = merge_repeats(X[subset], y[subset], poses)
     with one_blas_thread():
-        kernel = fit_kernel(X[subset], y[subset], **effort)
-        errors = y[others] - predict_samples(kernel, X[subset], y[subset], X[others])
+        kernel = fit_kernel(X_known, y_known, **effort)
+        errors = y[others] - predict_samples(kernel, X_known, y_known, X[others])
     with np.errstate(divide="ignore"):
         return float(np.log(np.sqrt(np.mean(errors**2))))
 

@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from servoscope.arrays import as_numbers
 from servoscope.errors import InvalidInputError
 
+_LARGEST = 1e60
+
 
 def as_table(X: ArrayLike, name: str = "X") -> NDArray[np.float64]:
     """A contiguous table of numbers, one row a sample; its values may be NaN or infinite.
@@ -58,6 +60,22 @@ def as_samples(X: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray
     check_span(targets.min(axis=0), targets.max(axis=0), "y")
     check_as_many(len(features), len(targets))
     return features, targets
+
+
+def in_ordinary_units(
+    table: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A table whose squares are numbers, and the unit of each column.
+
+    Columns of values beyond `_LARGEST`, or that span less than its inverse, are counted from their
+    first value in a power of two, which is exact; all others stay as they are.
+    """
+    span = np.ptp(table, axis=0)
+    extreme = (np.abs(table).max(axis=0) > _LARGEST) | ((span > 0) & (span < 1 / _LARGEST))
+    if not extreme.any():
+        return table, np.ones(table.shape[1])
+    unit = np.where(extreme & (span > 0), np.ldexp(1.0, np.frexp(span)[1] - 1), 1.0)
+    return np.where(extreme, (table - table[0]) / unit, table), unit
 
 
 def one_column_each(values: NDArray[Any], y: ArrayLike) -> NDArray[Any]:
