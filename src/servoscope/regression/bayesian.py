@@ -44,7 +44,7 @@ class BayesianSettings:
     weight_decay: float = 10.0
     fall: float = 0.5
     n_decays: int = 24
-    patience: int = 2
+    patience: int = 4
     steps: LMSettings = field(default_factory=partial(LMSettings, max_iter=20, tol=1e-3))
 
     def trainer(self, X: Array, hidden: int) -> Callable[..., BayesianResult]:

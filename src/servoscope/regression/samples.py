@@ -146,10 +146,11 @@ def _check(estimator: BaseEstimator, X: Any, y: Any, reset: bool) -> Samples:
         y_numeric=True,
         ensure_min_samples=2 if reset else 1,
     )
-    check_scale(X, "X")
-    check_scale(y, "y")
     # In one order of memory: that of a sum shows in its last bits.
-    return Samples(np.ascontiguousarray(X), y.astype(np.float64))
+    samples = Samples(np.ascontiguousarray(X), y.astype(np.float64))
+    check_scale(samples.X, "X")
+    check_scale(samples.y, "y")
+    return samples
 
 
 def _shots(samples: Samples, members: Groups, chosen: NDArray[np.bool_]) -> Shots:
