@@ -57,7 +57,8 @@ def test_noise_has_a_deviation_of_ten_grey_levels() -> None:
 
 
 def test_defocus_smooths_as_two_pixels_of_256_do() -> None:
-    assert CONDITIONS["defocus"].change(PLANE, 0).sensor.blur == 2 / 256
+    blur = CONDITIONS["defocus"].change(PLANE, 0).sensor.blur
+    assert blur == pytest.approx(np.hypot(PLANE.sensor.blur, 2 / 256))
     assert np.diff(seen("defocus")).std() < 0.7 * np.diff(seen("range_1.0")).std()
 
 

@@ -18,9 +18,9 @@ def disturbed(name, strength, rng=None):
 
 
 @pytest.mark.parametrize(("name", "axis"), [("principal_point_x", 1), ("principal_point_y", 0)])
-def test_a_principal_point_one_pixel_farther_moves_what_is_seen_by_one_pixel(name, axis):
+def test_a_principal_point_farther_moves_what_is_seen_by_as_much(name, axis):
     clean = render_radiance(SCENE, T_WORLD_REF)
-    moved = render_radiance(disturbed(name, 1.0).scene, T_WORLD_REF)
+    moved = render_radiance(disturbed(name, 4.0).scene, T_WORLD_REF)  # 4 px of 256 are 1 of 64
     shifted = np.delete(moved, 0, axis) - np.delete(clean, -1, axis)
     assert np.abs(shifted).max() < 1e-4
     assert np.abs(moved - clean).max() > 0.1
@@ -46,7 +46,7 @@ def test_k1_moves_points_outwards_by_the_cube_of_their_distance():
 
 def test_blurs_add_up_as_variances():
     blur = disturbed("defocus", 2.0).scene.sensor.blur
-    assert (64 * blur) ** 2 == pytest.approx((64 * SCENE.sensor.blur) ** 2 + 4.0)
+    assert (256 * blur) ** 2 == pytest.approx((256 * SCENE.sensor.blur) ** 2 + 4.0)
 
 
 def test_gain_is_in_percent_and_light_in_millimetres():

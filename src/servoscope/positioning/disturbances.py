@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import InvalidInputError
-
-DEFOCUS_WIDTH = 256
-"""Width of the images that a defocus is told for, [px]."""
+from servoscope.scene.strengths import added_noise, blur_image
 
 _LIGHT_KNOTS = 3
 _ASPECTS = (0.4, 2.5)
@@ -26,7 +24,8 @@ class Disturbances:
     """Random changes of an image that have nothing to do with where the camera is.
 
     They are made in the order of light: defocus, the light and its gain and offset, what covers
-    the view, noise. Any of them may be None, which is never made.
+    the view, noise. Any of them may be None, which is never made. What a strength means stands in
+    `servoscope.scene.strengths`.
 
     Parameters
     ----------
@@ -98,8 +97,7 @@ class Disturbances:
         grey = image.astype(np.float32)
         strength = {field.name: _draw(getattr(self, field.name), rng) for field in fields(self)}
         if strength["defocus"]:
-            sigma = strength["defocus"] * image.shape[1] / DEFOCUS_WIDTH
-            cv2.GaussianBlur(grey, (0, 0), sigma, dst=grey, borderType=cv2.BORDER_REPLICATE)
+            blur_image(grey, strength["defocus"])
         if strength["light"]:
             grey *= _light_field(grey.shape, strength["light"], rng)
         if strength["gain"] is not None:
@@ -109,7 +107,7 @@ class Disturbances:
         if strength["covering"]:
             _cover(grey, strength["covering"], rng)
         if strength["noise"]:
-            grey += np.float32(strength["noise"]) * rng.standard_normal(grey.shape, np.float32)
+            grey += added_noise(grey.shape, strength["noise"], rng)
         return np.rint(grey.clip(0, 255)).astype(np.uint8)
 
 

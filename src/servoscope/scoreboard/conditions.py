@@ -12,6 +12,7 @@ from servoscope.scene.covering import Covering
 from servoscope.scene.part import CylinderHead
 from servoscope.scene.scene import Scene
 from servoscope.scene.sensor import Sensor
+from servoscope.scene.strengths import amplified, defocused, noisier
 
 SCENES = ("cylinder_head", "textured_plane")
 
@@ -62,8 +63,8 @@ class Condition:
         return replace(self, depth_factor=1.0) == CONDITIONS["range_1.0"]
 
 
-def _sensor(**values: float) -> Change:
-    return lambda scene, number: replace(scene, sensor=replace(scene.sensor, **values))
+def _sensor(change: Callable[[Sensor, float], Sensor], strength: float) -> Change:
+    return lambda scene, number: replace(scene, sensor=change(scene.sensor, strength))
 
 
 def _covered(share: float) -> Change:
@@ -87,19 +88,19 @@ CONDITIONS = {
     "range_0.4": Condition(factor=0.4),
     "range_1.0": Condition(),
     "range_1.5": Condition(factor=1.5),
-    "gain_0.8": Condition(_sensor(gain=0.8)),
-    "gain_0.95": Condition(_sensor(gain=0.95)),
+    "gain_0.8": Condition(_sensor(amplified, 0.8)),
+    "gain_0.95": Condition(_sensor(amplified, 0.95)),
     "light_moved": Condition(_light_moved),
     "covered_10": Condition(_covered(0.10)),
     "covered_20": Condition(_covered(0.20)),
-    "noise_10": Condition(_sensor(read_noise=10 / 255 * Sensor().full_well)),
-    "defocus": Condition(_sensor(blur=2 / 256)),
+    "noise_10": Condition(_sensor(noisier, 10.0)),
+    "defocus": Condition(_sensor(defocused, 2.0)),
     "depth_0.6": Condition(depth_factor=0.6),
     "depth_1.5": Condition(depth_factor=1.5),
     "other_casting": Condition(_other_casting),
     "repeatability": Condition(repeatability=Repeatability(5e-5, float(np.radians(0.01)))),
     "arm": Condition(robot="arm"),
 }
-"""Every condition, by name. ``gain`` turns down the sensor; ``noise_10`` reads it out with a
-deviation of ten grey levels; ``defocus`` blurs by two pixels of 256; ``repeatability`` is 0.05 mm
-and 0.01 deg a move."""
+"""Every condition, by name. ``gain`` turns down the sensor; ``noise_10`` adds noise of ten grey
+levels; ``defocus`` blurs by two pixels of 256 more (`servoscope.scene.strengths`);
+``repeatability`` is 0.05 mm and 0.01 deg a move."""

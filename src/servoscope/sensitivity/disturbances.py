@@ -14,6 +14,13 @@ from scipy.spatial.transform import Rotation
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DOFS, rigid_transform
 from servoscope.scene.scene import Scene
+from servoscope.scene.sensor import Sensor
+from servoscope.scene.strengths import (
+    REFERENCE_WIDTH,
+    amplified,
+    as_widths,
+    defocused,
+)
 
 Array = NDArray[np.float64]
 
@@ -91,8 +98,8 @@ def _lens(look: Look, **values: Any) -> Look:
     return replace(look, scene=replace(look.scene, lens=replace(look.scene.lens, **values)))
 
 
-def _sensor(look: Look, **values: Any) -> Look:
-    return replace(look, scene=replace(look.scene, sensor=replace(look.scene.sensor, **values)))
+def _sensor(look: Look, sensor: Sensor) -> Look:
+    return replace(look, scene=replace(look.scene, sensor=sensor))
 
 
 def _focal_length(look: Look, percent: float, rng: np.random.Generator) -> Look:
@@ -101,7 +108,7 @@ def _focal_length(look: Look, percent: float, rng: np.random.Generator) -> Look:
 
 def _principal_point(look: Look, px: float, rng: np.random.Generator, *, axis: int) -> Look:
     point = list(look.scene.lens.principal_point)
-    point[axis] += px / look.scene.image_size
+    point[axis] += as_widths(px)
     return _lens(look, principal_point=tuple(point))
 
 
@@ -111,12 +118,11 @@ def _distortion(look: Look, k1: float, rng: np.random.Generator) -> Look:
 
 
 def _gain(look: Look, percent: float, rng: np.random.Generator) -> Look:
-    return _sensor(look, gain=look.scene.sensor.gain * (1 + percent / 100))
+    return _sensor(look, amplified(look.scene.sensor, 1 + percent / 100))
 
 
 def _defocus(look: Look, px: float, rng: np.random.Generator) -> Look:
-    blur = float(np.hypot(look.scene.sensor.blur, px / look.scene.image_size))
-    return _sensor(look, blur=blur)
+    return _sensor(look, defocused(look.scene.sensor, px))
 
 
 def _noise(look: Look, grey: float, rng: np.random.Generator) -> Look:
@@ -158,16 +164,18 @@ def _both_ways(*strengths: float) -> tuple[float, ...]:
 
 
 _SHIFTS, _TURNS = _both_ways(1.0, 3.0, 10.0), _both_ways(0.1, 0.3, 1.0)
-_PIXELS, _LAMP = _both_ways(0.5, 1.0, 2.0, 5.0), _both_ways(20.0, 50.0, 100.0, 300.0)
+_PIXELS, _LAMP = _both_ways(1.0, 2.0, 4.0, 10.0), _both_ways(20.0, 50.0, 100.0, 300.0)
+
+_PX = f"px of {REFERENCE_WIDTH}"
 
 DISTURBANCES = {
     "focal_length": Disturbance(_focal_length, "%", _both_ways(0.5, 1.0, 2.0, 5.0)),
-    "principal_point_x": Disturbance(partial(_principal_point, axis=0), "px", _PIXELS),
-    "principal_point_y": Disturbance(partial(_principal_point, axis=1), "px", _PIXELS),
+    "principal_point_x": Disturbance(partial(_principal_point, axis=0), _PX, _PIXELS),
+    "principal_point_y": Disturbance(partial(_principal_point, axis=1), _PX, _PIXELS),
     "distortion_k1": Disturbance(_distortion, "1", _both_ways(0.02, 0.05, 0.1, 0.2)),
     "gain": Disturbance(_gain, "%", _both_ways(1.0, 2.0, 5.0, 10.0, 20.0)),
     "noise": Disturbance(_noise, "grey levels", (1.0, 2.0, 5.0, 10.0, 20.0), is_random=True),
-    "defocus": Disturbance(_defocus, "px", (0.3, 0.5, 0.7, 1.0, 2.0), power=2),
+    "defocus": Disturbance(_defocus, _PX, (0.6, 1.0, 1.4, 2.0, 4.0), power=2),
     "light_x": Disturbance(partial(_light, axis=0), "mm", _LAMP),
     "light_z": Disturbance(partial(_light, axis=2), "mm", _LAMP),
     "repeatability_mm": Disturbance(
@@ -185,9 +193,8 @@ DISTURBANCES = {
         for axis, dof in enumerate(DOFS)
     },
 }
-"""Every disturbance, by name. ``principal_point_x`` and ``_y`` move the image by pixels of its own
-size; ``distortion_k1`` adds to k1; ``noise`` is the deviation of white noise on top of the
-sensor's; ``defocus`` the deviation of a blur on top of the lens's; ``light_x`` and ``light_z``
-move the first lamp along the part and upwards; ``repeatability_mm`` and ``_deg`` are deviations
-along and about each axis on top of those in training; ``hand_eye_*`` moves the camera on its
-flange, along or about an axis of its own."""
+"""Every disturbance, by name. What gain, noise, defocus and pixels mean stands in
+`servoscope.scene.strengths`. ``principal_point_x`` and ``_y`` move the image; ``distortion_k1``
+adds to k1; ``light_x`` and ``light_z`` move the first lamp along the part and upwards;
+``repeatability_mm`` and ``_deg`` are deviations along and about each axis on top of those in
+training; ``hand_eye_*`` moves the camera on its flange, along or about an axis of its own."""
