@@ -157,7 +157,7 @@ def refit_features(
     if n_folds < 2:
         raise InvalidInputError(f"n_folds must be 2 or more, got {n_folds!r}.")
     _, targets = as_samples(np.arange(len(images))[:, None], Y)
-    members = _of_shots(targets, check_groups(groups, len(images)))
+    members = _of_shots(in_ordinary_units(targets)[0], check_groups(groups, len(images)))
     folds = []
     for left_out in cut_samples(len(images), members, n_folds):
         used = np.delete(np.arange(len(images)), left_out)

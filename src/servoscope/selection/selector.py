@@ -11,6 +11,7 @@ from sklearn.feature_selection import SelectorMixin
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from servoscope.arrays import check_unmasked
 from servoscope.errors import InvalidInputError
 from servoscope.selection.candidates import Candidates
 from servoscope.selection.criteria import CRITERIA, Criterion
@@ -87,7 +88,7 @@ class MutualInfoSelector(SelectorMixin, BaseEstimator):
         Raises
         ------
         InvalidInputError
-            If a parameter is out of range, or `X` is not finite.
+            If a parameter is out of range, or values of `X` are masked or not finite.
         ValueError
             If `X` is no table, or `y` is not one finite number a sample.
         """
@@ -96,6 +97,8 @@ class MutualInfoSelector(SelectorMixin, BaseEstimator):
             raise InvalidInputError(
                 f"n_features must be an integer of 1 or more, got {self.n_features!r}."
             )
+        check_unmasked(X, "X")
+        check_unmasked(y, "y")
         X, y = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_all_finite=False)
         ranking = criterion(Candidates(X, y, self.n_bins), int(self.n_features))
         self.ranking_: NDArray[np.intp] = ranking.order
