@@ -9,6 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from servoscope.errors import InvalidInputError
 
+LARGEST = 1e30
+"""Values may be as large as this, and columns vary by as little as its inverse: the squares of
+their ratios are still numbers."""
+
 
 def check_unmasked(values: Any, name: str) -> None:
     """Raise InvalidInputError if an array hides values behind a mask.
@@ -65,3 +69,18 @@ def as_numbers(values: ArrayLike, name: str) -> NDArray[np.float64]:
     except (TypeError, ValueError, OverflowError) as error:
         raise InvalidInputError(f"{name} must be an array of numbers ({error}).") from error
     return numbers.reshape(array.shape)  # a single number stays one
+
+
+def check_scale(values: NDArray[np.float64], name: str) -> None:
+    """Raise InvalidInputError where numbers are so large or vary so little that squares are none.
+
+    Parameters
+    ----------
+    values : ndarray of shape (n,) or (n, n_columns)
+    """
+    span = np.ptp(values, axis=0)
+    if np.abs(values).max() > LARGEST or ((span > 0) & (span < 1 / LARGEST)).any():
+        raise InvalidInputError(
+            f"{name} must be at most {LARGEST:g} and vary by at least {1 / LARGEST:g}, got up to "
+            f"{np.abs(values).max():.3g}; give it in another unit."
+        )

@@ -52,9 +52,9 @@ def test_constant_features_tell_the_mean_and_its_error(regressor):
 @settings(deadline=None, max_examples=8)
 @given(
     st.sampled_from(sorted(REGRESSORS)),
-    st.sampled_from([1e-50, 1e-9, 1.0, 1e9, 1e50]),
-    st.sampled_from([1e-50, 1e-9, 1.0, 1e9, 1e50]),
-    st.sampled_from([0.0, 1e4, -1e6]),
+    st.sampled_from([1e-25, 1e-9, 1.0, 1e9, 1e25]),
+    st.sampled_from([1e-25, 1e-9, 1.0, 1e9, 1e25]),
+    st.sampled_from([0.0, 1e4]),
 )
 def test_scale_and_offset_change_nothing_but_the_unit(name, of_features, of_target, offset):
     """As far as rounding lets the offset: searches end elsewhere by a share of the noise."""
@@ -71,9 +71,9 @@ def test_scale_and_offset_change_nothing_but_the_unit(name, of_features, of_targ
 def test_what_has_no_squares_is_refused(regressor, scale):
     X, y = samples()
     for arguments in ((scale * X, y), (X, scale * y)):
-        with pytest.raises(InvalidInputError, match=r"must be at most 1e\+60 and vary by at least"):
+        with pytest.raises(InvalidInputError, match=r"must be at most 1e\+30 and vary by at least"):
             regressor.fit(*arguments)
-    with pytest.raises(InvalidInputError, match=r"X must be at most 1e\+60"):
+    with pytest.raises(InvalidInputError, match=r"X must be at most 1e\+30"):
         regressor.fit(X, y).predict(np.full((1, 3), 1e100))
 
 

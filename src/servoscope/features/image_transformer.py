@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from servoscope.arrays import check_scale, check_unmasked
 from servoscope.errors import InvalidInputError
 from servoscope.features.pixels import ImageShape, check_finite, flatten_images
 from servoscope.poses import DOFS
@@ -56,10 +57,13 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
 
     def _images_and_targets_to_fit(self, X: Any, y: Any) -> tuple[NDArray[Any], NDArray[Any]]:
         """Flat images, and targets of shape (n_images, n_targets)."""
+        check_unmasked(y, "y")
         flat, image_shape = flatten_images(X, self.image_shape)
         flat, y = self._validated(flat, y, reset=True, multi_output=True, y_numeric=True)
         self.image_shape_ = image_shape
-        return flat, y.reshape(len(y), -1).astype(np.float64)
+        targets = y.reshape(len(y), -1).astype(np.float64)
+        check_scale(targets, "y")
+        return flat, targets
 
     def _images_to_transform(self, X: Any) -> NDArray[Any]:
         """Flat images, if they are of the shape seen in `fit`."""

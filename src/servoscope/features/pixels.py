@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.arrays import check_unmasked
 from servoscope.errors import InvalidInputError
 
 ImageShape = tuple[int, int]
@@ -30,7 +31,7 @@ def flatten_images(X: Any, image_shape: ImageShape | None) -> tuple[Any, ImageSh
     Raises
     ------
     InvalidInputError
-        If X is neither, or is not of the given shape.
+        If X is neither, is not of the given shape, or hides values behind a mask.
 
     Examples
     --------
@@ -38,6 +39,7 @@ def flatten_images(X: Any, image_shape: ImageShape | None) -> tuple[Any, ImageSh
     >>> flat.shape, image_shape
     ((5, 12), (3, 4))
     """
+    check_unmasked(X, "X")
     X = _with_shape(X)
     shape = tuple(X.shape)
     if image_shape is not None:

@@ -105,7 +105,7 @@ class BayesianLMRegressor(NetworkRegressor):
         ------
         InvalidInputError
             If a parameter is out of range, only one of X_val and y_val is given, or values are
-            masked or beyond 1e60.
+            masked or beyond 1e30.
         ValueError
             If an array is empty, has the wrong shape or holds NaN or infinity, or there is one
             sample only.

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from servoscope.arrays import check_unmasked
+from servoscope.arrays import check_scale, check_unmasked
 from servoscope.errors import InvalidInputError
 from servoscope.kernels import GaussianKernel
 from servoscope.regression.kernel_posterior import KernelPosterior
@@ -22,7 +22,6 @@ from servoscope.regression.samples import (
     Shots,
     check_arrays,
     check_samples,
-    check_scale,
     least_deviation,
 )
 from servoscope.regression.surprise import surprise
@@ -68,7 +67,7 @@ class KernelRegressor(RegressorMixin, BaseEstimator):
         ------
         InvalidInputError
             If `max_samples` is below 1, only one of X_val and y_val is given, or values are masked
-            or beyond 1e60.
+            or beyond 1e30.
         ValueError
             If an array is empty, has the wrong shape or holds NaN or infinity, or there is one
             sample only.

@@ -13,13 +13,12 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from servoscope.arrays import check_unmasked
+from servoscope.arrays import check_scale, check_unmasked
 from servoscope.errors import InvalidInputError
 from servoscope.regression.samples import (
     Array,
     check_arrays,
     check_samples,
-    check_scale,
     least_deviation,
 )
 from servoscope.regression.training import (
@@ -78,7 +77,7 @@ class NetworkRegressor(RegressorMixin, BaseEstimator):
         ------
         InvalidInputError
             If a parameter is out of range, only one of X_val and y_val is given, or values are
-            masked or beyond 1e60.
+            masked or beyond 1e30.
         ValueError
             If an array is empty, has the wrong shape or holds NaN or infinity, or there is one
             sample only.

@@ -10,15 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import validate_data
 
-from servoscope.arrays import check_unmasked
+from servoscope.arrays import check_scale, check_unmasked
 from servoscope.errors import InvalidInputError
 from servoscope.kernels.repeats import Groups, find_repeats, merge_repeats
 
 Array = NDArray[np.float64]
-
-LARGEST = 1e60
-"""Values may be as large as this, and columns vary by as little as its inverse: the squares of
-their ratios are still numbers."""
 
 _LEAST_SHARE = 1e-12
 """Of its size, a target that never changes is known to as much."""
@@ -75,7 +71,7 @@ def check_samples(
     Raises
     ------
     InvalidInputError
-        If only one of X_val and y_val is given, values are masked or beyond `LARGEST`, or `poses`
+        If only one of X_val and y_val is given, values are masked or beyond 1e30, or `poses`
         is not one value for each sample.
     ValueError
         If an array is empty, has the wrong shape or holds NaN or infinity, or there is one
@@ -97,21 +93,6 @@ def group_shots(
     trained = np.isin(members, members[:n])
     learned = _shots(joined, members, trained)
     return learned, None if trained.all() else _shots(joined, members, ~trained)
-
-
-def check_scale(values: Array, name: str) -> None:
-    """Raise InvalidInputError where numbers are so large or vary so little that squares are none.
-
-    Parameters
-    ----------
-    values : ndarray of shape (n,) or (n, n_columns)
-    """
-    span = np.ptp(values, axis=0)
-    if np.abs(values).max() > LARGEST or ((span > 0) & (span < 1 / LARGEST)).any():
-        raise InvalidInputError(
-            f"{name} must be at most {LARGEST:g} and vary by at least {1 / LARGEST:g}, got up to "
-            f"{np.abs(values).max():.3g}; give it in another unit."
-        )
 
 
 def least_deviation(y: Array) -> float:
