@@ -80,3 +80,31 @@ def test_times_that_do_not_fit_the_images_are_refused():
         split_images(50, times=np.arange(60.0))
     with pytest.raises(InvalidInputError, match="times must be 50 finite numbers"):
         split_images(50, times=np.full(50, np.nan))
+
+
+@given(
+    st.lists(st.integers(1, 9), min_size=8, max_size=60),
+    seeds,
+    st.sampled_from(["paper", "honest"]),
+)
+def test_shots_of_one_pose_serve_one_purpose(counts, seed, protocol):
+    poses = np.random.default_rng(seed).permutation(np.repeat(np.arange(len(counts)), counts))
+    split = split_images(len(poses), protocol, seed, groups=poses)
+    assert not set(poses[split.train]) & set(poses[split.test])
+    assert not set(poses[split.train]) & set(poses[split.validation])
+    assert len(split.learned) + len(split.test) >= len(poses)
+
+
+@given(st.integers(8, 100), seeds)
+def test_groups_of_one_image_each_change_nothing(n_images, seed):
+    plain = split_images(n_images, "honest", seed)
+    grouped = split_images(n_images, "honest", seed, groups=np.arange(n_images) * -1.5)
+    for one, other in zip(vars(plain).values(), vars(grouped).values(), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_groups_that_do_not_fit_are_refused():
+    with pytest.raises(InvalidInputError, match="groups must be 9 values, one an image"):
+        split_images(9, groups=np.arange(8))
+    with pytest.raises(InvalidInputError, match="at least 8 images, got 3"):
+        split_images(9, groups=np.arange(9) // 3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,6 +42,7 @@ def split_images(
     seed: int = 0,
     times: ArrayLike | None = None,
     n_blocks: int = 20,
+    groups: ArrayLike | None = None,
 ) -> Split:
     """Split images for a protocol, at random or, when `times` are given, by blocks of time.
 
@@ -58,6 +60,9 @@ def split_images(
     times : array of shape (n_images,), optional
         [s]; when given, the split is by blocks.
     n_blocks : int
+    groups : array of shape (n_images,), optional
+        Images of equal value, such as repeated shots of one pose, serve the same purpose; they
+        count as one where images are drawn at random. Blocks of time are left as they are.
 
     Returns
     -------
@@ -66,8 +71,8 @@ def split_images(
     Raises
     ------
     InvalidInputError
-        If the protocol is unknown, there are too few images for three parts, or `times` are not
-        one finite number an image.
+        If the protocol is unknown, there are too few images or groups for three parts, or `times`
+        are not one finite number an image, or `groups` not one value an image.
 
     Examples
     --------
@@ -79,6 +84,8 @@ def split_images(
         raise InvalidInputError(
             f"protocol must be one of {', '.join(PROTOCOLS)}, got {protocol!r}."
         )
+    if times is None and groups is not None:
+        return _split_groups(np.asarray(groups), n_images, protocol, seed)
     least = 8 if times is None else 2 * n_blocks
     if n_images < least:
         raise InvalidInputError(
@@ -92,6 +99,20 @@ def split_images(
     if protocol == "paper":
         return Split(np.sort(np.concatenate([train, validation])), test, test)
     return Split(train, validation, test)
+
+
+def _split_groups(groups: NDArray[Any], n_images: int, protocol: str, seed: int) -> Split:
+    if groups.shape != (n_images,):
+        raise InvalidInputError(
+            f"groups must be {n_images} values, one an image, got the shape {groups.shape}."
+        )
+    _, first, members = np.unique(groups, return_index=True, return_inverse=True)
+    order = np.argsort(np.argsort(first))[members]  # groups by their first images
+    split = split_images(len(first), protocol, seed)
+    train, validation, test = (
+        np.flatnonzero(np.isin(order, part)) for part in (split.train, split.validation, split.test)
+    )
+    return Split(train, test if split.validation is split.test else validation, test)
 
 
 def _checked(times: ArrayLike, n_images: int) -> NDArray[np.float64]:

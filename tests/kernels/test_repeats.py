@@ -84,6 +84,14 @@ def test_levels_are_no_poses():
         assert len(np.unique(find_repeats(X, y.astype(float)))) == len(X)
 
 
+@pytest.mark.parametrize("n", [30, 150])
+@pytest.mark.parametrize("n_features", [2, 6])
+def test_rings_about_the_reference_are_no_repeated_poses(n, n_features):
+    rng = np.random.default_rng(0)
+    poses = np.concatenate([s * rng.uniform(-1, 1, (n, n_features)) for s in (1.0, 0.1, 0.01)])
+    assert len(np.unique(find_repeats(poses, poses))) == 3 * n
+
+
 def test_poses_are_the_means_of_their_shots():
     X, y, poses = shots([3] * 20, jitter=1e-4, noise=0.1)
     groups = find_repeats(X, y)

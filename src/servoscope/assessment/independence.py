@@ -85,7 +85,7 @@ def find_groups(data: PoseImageSet) -> Independence:
     if nearest < NEIGHBOUR_RATIO * expected:
         clusters = _cluster(poses, n_groups, NEIGHBOUR_RATIO * expected)
         return Independence("revisited", clusters, nearest / expected)
-    return Independence("independent", _same_poses(data), step_ratio)
+    return Independence("independent", same_poses(data), step_ratio)
 
 
 def mark_sequence(data: PoseImageSet) -> PoseImageSet:
@@ -162,7 +162,7 @@ def _in_metres(data: PoseImageSet) -> NDArray[np.float64]:
     return data.delta_p() * np.repeat([1.0, data.pivot or 1.0], 3)
 
 
-def _same_poses(data: PoseImageSet) -> Indices:
+def same_poses(data: PoseImageSet) -> Indices:
     """One group for each pose, up to a nanometre; of a set that never moves one for each image."""
     if not data.moves().any():
         return np.arange(len(data))

@@ -20,10 +20,12 @@ LEAST_SHARE = 0.2
 the samples of any set are next to each other by chance."""
 
 LEAST_POSES = 8
-"""Of fewer clusters it is not known whether each is one pose."""
+"""Of fewer clusters it is not known whether each is one pose: poses near the reference make one,
+beside those of a wider range."""
 
 MOST_SHOTS = 50
-"""Targets that are equal more often than that are levels, of a grid or of a discrete target."""
+"""Targets that are equal more often than that are levels, of a grid or of a discrete target, and
+larger clusters are of different poses."""
 
 MOST_WITHIN = 0.05
 """Share of the variance that may be within the poses: of the features where targets are equal, of
@@ -49,8 +51,8 @@ def find_repeats(X: Array, y: Array) -> Groups:
     Samples of equal features are shots of one pose. So are those of equal targets, unless many
     are equal, if all such samples together hardly differ in their features. So are those whose
     features are near: the edges of the minimum spanning tree fall into short and long ones with a
-    gap of `LEAST_GAP` between them, and the short ones are no few and join clusters that are small
-    against the gap and over which the targets hardly change.
+    gap of `LEAST_GAP` between them, and the short ones are no few and join several clusters that are
+    small against the gap and over which the targets hardly change.
 
     Examples
     --------
@@ -120,7 +122,8 @@ def _clusters(table: Array) -> Groups:
     short = edges.data < longer
     groups = _connected(edges.row[short], edges.col[short], n)
     radius = np.sqrt(np.square(distinct - _means(distinct, groups)[groups]).sum(axis=1).max())
-    if groups.max() + 1 < LEAST_POSES or radius * LEAST_GAP > longer:
+    sizes = np.bincount(groups)
+    if np.sum(sizes > 1) < LEAST_POSES or sizes.max() > MOST_SHOTS or radius * LEAST_GAP > longer:
         return equal
     return groups[equal]
 

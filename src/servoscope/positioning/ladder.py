@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import DataSetError
+from servoscope.kernels import find_repeats
 from servoscope.positioning.appearance import Appearance
 from servoscope.positioning.disturbances import Disturbances
 from servoscope.positioning.interaction import MARGIN, LearnedInteraction, learn_interaction
@@ -110,7 +111,8 @@ def hold_out(images: Images, p: Array, rng: np.random.Generator) -> tuple[NDArra
     n_held = len(images) // 10
     tens = np.argsort(np.abs(p).max(axis=1), kind="stable")[: 10 * n_held].reshape(n_held, 10)
     held = np.sort(tens[np.arange(n_held), rng.integers(10, size=n_held)])
-    kept = np.setdiff1d(np.arange(len(images)), held)
+    poses = find_repeats(p, p)
+    kept = np.flatnonzero(~np.isin(poses, poses[held]))
     disturbances = Disturbances()
     disturbed = np.stack([disturbances.disturb(images[i], rng) for i in held])
     return kept, HeldOut(images[held], disturbed, p[held])

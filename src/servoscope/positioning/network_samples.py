@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.kernels import find_repeats
 from servoscope.positioning.candidate_features import (
     NORMALISED_PREPARATIONS,
     PAPER_PREPARATIONS,
@@ -49,9 +50,10 @@ def measure_samples(
     on_progress: Callable[[int], object],
 ) -> tuple[FeaturePool, Samples]:
     """The pool that the training images give, and its features."""
-    order = np.random.default_rng([seed, 1]).permutation(len(images))
-    n_validation = round(VALIDATION_SHARE * len(images))
-    validation, train = np.sort(order[:n_validation]), np.sort(order[n_validation:])
+    poses = find_repeats(delta_p, delta_p)
+    order = np.random.default_rng([seed, 1]).permutation(poses.max() + 1)
+    validates = np.isin(poses, order[: round(VALIDATION_SHARE * len(order))])
+    validation, train = np.flatnonzero(validates), np.flatnonzero(~validates)
     copies: list[Disturbances | None] = [None]
     preparations: tuple[str, ...] = PAPER_PREPARATIONS
     if disturbances is not None:

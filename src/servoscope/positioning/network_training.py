@@ -98,6 +98,7 @@ def _train(
         regressor=network,
         n_jobs=n_jobs,
         on_progress=on_progress,
+        poses=np.arange(n_all),  # disturbed copies of an image are there to differ
     )
     best: dict[str, tuple[NetworkJob, LMRegressor]] = {}
     for job, net in zip(jobs, trained, strict=True):

@@ -51,6 +51,7 @@ def train_networks(
     regressor: LMRegressor | None = None,
     n_jobs: int | None = None,
     on_progress: Callable[[int], object] | None = None,
+    poses: ArrayLike | None = None,
 ) -> Iterator[LMRegressor]:
     """Train a network for every job; yields them in the order of the jobs.
 
@@ -67,6 +68,9 @@ def train_networks(
         Number of processes, as joblib understands it; one by default.
     on_progress : callable, optional
         Called with the number of networks trained so far.
+    poses : array of shape (n_samples,), optional
+        Samples of equal value are repeated shots of one pose, which train as one sample, their
+        mean. By default they are found (`servoscope.kernels.find_repeats`).
 
     Yields
     ------
@@ -90,7 +94,8 @@ def train_networks(
 
     samples = _check_samples(X, Y, jobs)
     held_out = None if validation is None else _check_rows(validation, len(samples[0]))
-    samples, parts = _by_poses(samples, _check_rows(train, len(samples[0])), held_out)
+    rows = _check_rows(train, len(samples[0]))
+    samples, parts = _by_poses(samples, rows, held_out, poses)
     template = LMRegressor() if regressor is None else regressor
     options = [template.training_options(job.seed) for job in jobs]
     networks = _train_all(samples, jobs, parts, options, n_jobs)
@@ -98,12 +103,17 @@ def train_networks(
 
 
 def _by_poses(
-    samples: tuple[Array, Array], train: Indices, held_out: Indices | None
+    samples: tuple[Array, Array],
+    train: Indices,
+    held_out: Indices | None,
+    poses: ArrayLike | None,
 ) -> tuple[tuple[Array, Array], tuple[Any, Any]]:
     """Samples in which the repeated shots of a pose that trains are one, their mean."""
     X, Y = samples
     validation = None if held_out is None else Samples(X[held_out], Y[held_out])
-    learned, others = group_shots(Samples(X[train], Y[train]), validation)
+    if poses is not None:
+        poses = np.asarray(poses)[train if held_out is None else np.append(train, held_out)]
+    learned, others = group_shots(Samples(X[train], Y[train]), validation, poses)
     if learned.poses is learned.each and len(learned.each.y) == len(train):
         return samples, (train, held_out)
     n = len(learned.poses.y)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope import __version__
+from servoscope.assessment.independence import same_poses
 from servoscope.dataset import PoseImageSet
 from servoscope.errors import InvalidInputError
 from servoscope.features import GeometricMoments, compute_image_basis
@@ -245,7 +246,7 @@ def split_data(data: PoseImageSet, protocol: str, seed: int) -> Split:
     times = None
     if data.split == "blocks":
         times = np.arange(len(data)) if data.times is None else data.times
-    return split_images(len(data), protocol, seed, times)
+    return split_images(len(data), protocol, seed, times, groups=same_poses(data))
 
 
 def in_order_of_time(data: PoseImageSet, images: NDArray[np.intp]) -> NDArray[np.intp]:
