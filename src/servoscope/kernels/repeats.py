@@ -51,8 +51,8 @@ def find_repeats(X: Array, y: Array) -> Groups:
     Samples of equal features are shots of one pose. So are those of equal targets, unless many
     are equal, if all such samples together hardly differ in their features. So are those whose
     features are near: the edges of the minimum spanning tree fall into short and long ones with a
-    gap of `LEAST_GAP` between them, and the short ones are no few and join several clusters that are
-    small against the gap and over which the targets hardly change.
+    gap of `LEAST_GAP` between them, and the short ones are no few and join several clusters that
+    are small against the gap and over which the targets hardly change.
 
     Examples
     --------
