@@ -80,8 +80,8 @@ def test_equal_width_bins_do_change(rng):
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_a_constant_tells_nothing(estimator, rng):
     X = np.column_stack([np.full(200, 0.1), rng.normal(size=200)])
-    assert estimate_information(X, X[:, 1], estimator)[0] == pytest.approx(0, abs=1e-12)
-    assert estimate_information(X, X[:, 0], estimator) == pytest.approx([0, 0], abs=1e-12)
+    assert estimate_information(X, X[:, 1], estimator)[0] == 0
+    assert (estimate_information(X, X[:, 0], estimator) == 0).all()
 
 
 def test_the_copula_of_a_function_is_finite():

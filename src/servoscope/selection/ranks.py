@@ -55,4 +55,5 @@ def at_most_entropy(information: Array, X: NDArray, Y: NDArray) -> Array:
 
 def _entropy(counts: NDArray[np.intp]) -> float:
     n = counts.sum()
-    return float(np.log2(n) - counts @ np.log2(counts) / n) if len(counts) < n else np.inf
+    # In this order the entropy of a constant is exactly 0.
+    return float(counts @ (np.log2(n) - np.log2(counts)) / n) if len(counts) < n else np.inf
