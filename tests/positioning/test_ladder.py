@@ -151,3 +151,11 @@ def test_as_many_images_as_are_asked_for_are_enough(rng) -> None:
     assert (len(levels), len(held_out.p)) == (1, least // 10)
     with pytest.raises(DataSetError, match=f"got {least - 1};"):
         learn_levels(images[1:], p[1:], images[0], rng)
+
+
+def test_no_pose_is_learned_from_and_held_out():
+    p = np.repeat(np.random.default_rng(0).uniform(-1, 1, (40, 6)), 3, axis=0)
+    images = np.zeros((120, 8, 8), np.uint8)
+    kept, held_out = hold_out(images, p, np.random.default_rng(0))
+    assert len(held_out.p) == 12
+    assert not set(map(tuple, p[kept])) & set(map(tuple, held_out.p))

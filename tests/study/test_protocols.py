@@ -8,6 +8,7 @@ from planar import planar_data_set
 from servoscope.poses import DISPLACEMENTS, DOFS
 from servoscope.selection import mutual_information
 from servoscope.study import Study, StudyConfig, open_run_folder
+from servoscope.study.run import split_data
 
 N_IMAGES = 160
 QUICK = StudyConfig(hidden=1, restarts=1, n_thresholds=3)
@@ -99,3 +100,12 @@ def test_only_the_honest_protocol_decides_by_other_errors_than_it_reports(study)
     }
     assert all(point["validation_rms"] == point["rms"] for point in points["paper"])
     assert all(point["validation_rms"] != point["rms"] for point in points["honest"])
+
+
+@pytest.mark.parametrize("protocol", ["paper", "honest"])
+def test_shots_of_one_pose_are_in_one_part(protocol):
+    data = planar_data_set(40)
+    often = np.repeat(np.arange(40), 3)
+    data = replace(data, images=data.images[often], T_world_cam=data.T_world_cam[often], names=())
+    split = split_data(data, protocol, 0)
+    assert not set(often[split.train]) & set(often[split.test])
