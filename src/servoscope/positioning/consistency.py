@@ -10,8 +10,13 @@ from numpy.typing import ArrayLike
 from servoscope.poses import displacements_from_poses, inverse_transform
 from servoscope.positioning.interfaces import Array, Estimate
 
-LEAST_DEVIATIONS = 3.5
+LEAST_DEVIATIONS = 3.0
 """Innovations of fewer standard deviations may be noise."""
+
+LEAST_DEVIATIONS_EXPLAINED = 2.0
+"""The same where a fault explains them, or the view hardly followed the move."""
+
+_FOLLOWS = 0.25
 
 _LEAST_STD = 1e-3
 """No deviation is taken for less than this share of the reach."""
@@ -39,9 +44,10 @@ class Innovation(NamedTuple):
     ----------
     expected : ndarray of shape (4, 4)
         The displacement that was expected, [m].
+    size : float
+        Size of the move, as the root mean square over the dofs in shares of the reach.
     share : float
-        Size of the difference relative to the move, both as the root mean square over the dofs in
-        shares of the reach.
+        Size of the difference, likewise, relative to the move.
     deviations : float
         Its size in standard deviations of both estimates and of the robot, likewise.
     along : float
@@ -55,6 +61,7 @@ class Innovation(NamedTuple):
     """
 
     expected: Array
+    size: float
     share: float
     deviations: float
     along: float
@@ -67,8 +74,11 @@ class Innovation(NamedTuple):
 
         Without believed deviations only what a fault explains, or what leads away, is judged.
         """
-        is_plain = self.is_known or self.fits or self.along < 0
-        return self.share > largest_share and self.deviations > LEAST_DEVIATIONS and is_plain
+        if not (self.is_known or self.fits or self.along < 0):
+            return False
+        is_explained = self.fits or self.along < _FOLLOWS
+        least = LEAST_DEVIATIONS_EXPLAINED if is_explained else LEAST_DEVIATIONS
+        return self.share > largest_share and self.deviations > least
 
 
 def innovation(
@@ -140,6 +150,7 @@ def innovation(
     squared = max(size(move) ** 2, 1e-24)
     return Innovation(
         expected=expected,
+        size=size(move),
         share=size(difference) / np.sqrt(squared),
         deviations=deviations,
         along=float(np.mean((seen - start) * move / unit**2)) / squared,

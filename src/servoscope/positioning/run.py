@@ -29,6 +29,8 @@ OnStep = Callable[[Step, Image], object]
 _RETURNING = ("diverged", "max_moves")
 _MOST_UNCONFIRMED = 2
 _FAR = 0.1
+_LEAST_SEEN = 0.05
+_SAME_CELLS = 0.9
 _ARRIVED = ("converged", "limited")
 _STOP_IS_REPORTED = ("robot_fault", "interrupted")
 
@@ -67,6 +69,7 @@ class Run:
         self._is_late = False
         self._n_unconfirmed = 0
         self._last_change: tuple[Image, Array] | None = None
+        self._last_images: tuple[Image, Image] = (estimator.reference_image,) * 2
 
     def until_end(self, dry_run: bool) -> PositioningResult:
         """Look and move until there is a reason not to, stop the robot, and say how it ended."""
@@ -123,6 +126,7 @@ class Run:
         image = self.camera.read()
         start = time.perf_counter()
         self._check_image(image, pose)
+        self._last_images = self._last_images[1], image
         comparison, error = self.reference.compare(image), self.reference.error(image)
         estimate = self._estimate(image)
         self.steps.append(Step(pose, error, estimate, None, None, np.nan, comparison))
@@ -240,7 +244,16 @@ class Run:
             reach=reach,
             robot_std=self.settings.allowed_miss(pivot) / 4,
         )
-        return found if found.contradicts(largest) and (found.fits or not is_novel) else None
+        if found.contradicts(largest) and (found.fits or not is_novel):
+            return found
+        is_stale = found.share > largest and found.size > _LEAST_SEEN and self._is_unchanged()
+        return found._replace(cause=LATE, fits=True) if is_stale else None
+
+    def _is_unchanged(self) -> bool:
+        """Whether the last image shows the same view as the one before."""
+        before, last = self._last_images
+        comparison = ReferenceView(before).compare(last)
+        return comparison.matched > _SAME_CELLS and not arrival.is_displaced(comparison)
 
     def _equals_reference(self) -> bool:
         comparison = self.steps[-1].comparison
