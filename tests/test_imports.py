@@ -15,6 +15,7 @@ FILES = sorted(SOURCE.rglob("*.py"))
 # From left to right: a module imports from rooms to its left, or from its own.
 ROOMS = (
     ("errors",),
+    ("storage",),
     ("files", "processes", "progress", "compiled", "wording", "arrays"),
     ("poses",),
     ("dataset_progress",),

@@ -21,6 +21,14 @@ class FolderExistsError(ServoscopeError, FileExistsError):
     """A folder already holds results, and nobody said to resume or to replace them."""
 
 
+class FolderInUseError(ServoscopeError):
+    """A folder is being written by another command."""
+
+
+class ProcessesError(ServoscopeError):
+    """Processes cannot be started, or one of them was killed."""
+
+
 class RunFolderError(ServoscopeError, ValueError):
     """A run folder is unfinished, damaged, or was written by another version."""
 

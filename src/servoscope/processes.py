@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 import threading
+import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
-import joblib
 from threadpoolctl import ThreadpoolController
+
+from servoscope.errors import ProcessesError, ServoscopeWarning
+from servoscope.storage.shared_folder import shared_folder
+
+with warnings.catch_warnings():
+    warnings.filterwarnings("ignore", message=".*joblib will operate in serial mode")
+    import joblib
+
+WATCH_INTERVAL = 0.5
+"""How often a process looks whether the one that started it is still there, [s]."""
 
 
 def in_processes(
@@ -21,7 +35,8 @@ def in_processes(
 ) -> Iterator[Any]:
     """What `function` returns for each tuple of arguments, in their order, as they are ready.
 
-    The processes have one BLAS thread each, and leave Ctrl-C to this one.
+    The processes have one BLAS thread each, leave Ctrl-C to this one, and end when it does,
+    however it ends. Where no process can be started, this one does all.
 
     Parameters
     ----------
@@ -33,20 +48,40 @@ def in_processes(
     **options
         Of `joblib.Parallel`.
 
+    Raises
+    ------
+    ProcessesError
+        If the processes cannot be started, or one of them is killed.
+
     Examples
     --------
     >>> list(in_processes(divmod, [(7, 2), (9, 4)], n_jobs=1))
     [(3, 1), (2, 1)]
     """
-    with joblib.parallel_config("loky", n_jobs=n_jobs, inner_max_num_threads=1):
+    n_processes = _n_processes(n_jobs)
+    if n_processes == 1:
+        return (function(*call) for call in calls)
+    options |= {"temp_folder": shared_folder()}
+    with (
+        _failures_told(),
+        joblib.parallel_config(
+            "loky",
+            n_jobs=n_processes,
+            inner_max_num_threads=1,
+            initializer=_prepare_process,
+            initargs=(os.getpid(),),
+        ),
+    ):
         parallel = joblib.Parallel(return_as="generator", **options)
-        _start_processes(joblib.effective_n_jobs(n_jobs), options)
-    results: Iterator[Any] = parallel(joblib.delayed(function)(*call) for call in calls)
-    return results
+        _start_processes(n_processes, options)
+        results = parallel(joblib.delayed(function)(*call) for call in calls)
+    return _told(results)
 
 
 def stop_processes() -> None:
     """Stop the processes at once, whatever they are doing."""
+    if joblib.effective_n_jobs(2) == 1:
+        return
     from joblib.externals.loky import get_reusable_executor
 
     get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
@@ -74,14 +109,80 @@ def _blas_controller() -> ThreadpoolController:
     return ThreadpoolController().select(user_api="blas")
 
 
+def _n_processes(n_jobs: int | None) -> int:
+    """How many processes share the calls; one where the system lets nobody start more."""
+    if n_jobs is None or n_jobs == 1:
+        return 1
+    n_processes: int = joblib.effective_n_jobs(n_jobs)
+    if joblib.effective_n_jobs(2) == 1 and not _can_be_started():
+        warnings.warn(
+            "No processes can be started here, for want of semaphores (is /dev/shm there, and "
+            "writable?): one does all, as with --jobs 1.",
+            ServoscopeWarning,
+            stacklevel=3,
+        )
+    return n_processes
+
+
+@cache
+def _can_be_started() -> bool:
+    """Whether the system gives semaphores, which processes need to share calls."""
+    try:
+        from multiprocessing import get_context
+
+        get_context("spawn").Semaphore()
+    except (ImportError, OSError):
+        return False
+    return True
+
+
 def _start_processes(n_processes: int, options: dict[str, Any]) -> None:
     """Start the processes, if they do not run yet, in such a way that they ignore Ctrl-C."""
-    if n_processes == 1:
-        return
     options = {**options, "pre_dispatch": "all", "batch_size": 1, "return_as": "generator"}
-    with _interrupts_ignored():
-        started = joblib.Parallel(**options)([joblib.delayed(int)()] * n_processes)
-    list(started)
+    try:
+        with _interrupts_ignored():
+            started = joblib.Parallel(**options)([joblib.delayed(int)()] * n_processes)
+        list(started)
+    except OSError as error:
+        raise ProcessesError(
+            f"Processes cannot be started ({error.strerror or error}); repeat with --jobs 1."
+        ) from error
+
+
+def _told(results: Iterator[Any]) -> Iterator[Any]:
+    with _failures_told():
+        yield from results
+
+
+@contextmanager
+def _failures_told() -> Iterator[None]:
+    """Say in a sentence that a process was killed."""
+    try:
+        yield
+    except BrokenProcessPool as error:
+        raise ProcessesError(
+            "A process was killed, most likely because memory ran out; repeat the command with "
+            "fewer processes, such as --jobs 1, a run with --resume."
+        ) from error
+
+
+def _prepare_process(owner: int) -> None:
+    """Leave Ctrl-C to the process that started this one, and end when that is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_after, args=(owner,), daemon=True).start()
+
+
+def _end_after(owner: int) -> None:
+    if sys.platform == "win32":
+        from multiprocessing import parent_process
+
+        parent = parent_process()
+        if parent is not None:
+            parent.join()
+    else:
+        while os.getppid() == owner:
+            time.sleep(WATCH_INTERVAL)
+    os._exit(1)
 
 
 @contextmanager

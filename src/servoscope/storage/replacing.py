@@ -1,0 +1,67 @@
+"""What a folder holds stays whole until what replaces it is whole.
+
+The new is made in a folder of its own within the old one. Once it is whole, that folder is
+renamed, from which moment on the replacement is completed whatever happens: the old parts leave,
+then the new ones move in, all by renaming.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+NEW = ".servoscope-new"
+"""The folder within a folder in which its replacement is made."""
+
+_WHOLE, _ENTERING, _OLD = ".servoscope-whole", ".servoscope-entering", ".servoscope-old"
+
+
+@contextmanager
+def replacing(
+    folder: Path, parts: Sequence[str], *, go_on: bool = False, keep: bool = False
+) -> Iterator[Path]:
+    """Where to make what is to replace the parts of a folder; it does so once the block ends well.
+
+    Parameters
+    ----------
+    folder : Path
+        Owned; what else is in it stays.
+    parts : sequence of str
+        Files and folders in there that are replaced. The first tells that the others are whole:
+        it leaves first and enters last.
+    go_on : bool
+        Go on with what an earlier block has left.
+    keep : bool
+        Leave what was made if the block fails.
+    """
+    new = folder / NEW
+    if not go_on:
+        shutil.rmtree(new, ignore_errors=True)
+    new.mkdir(exist_ok=True)
+    try:
+        yield new
+    except BaseException:
+        if not keep:
+            shutil.rmtree(new, ignore_errors=True)
+        raise
+    new.rename(folder / _WHOLE)
+    complete_replacement(folder, parts)
+
+
+def complete_replacement(folder: Path, parts: Sequence[str]) -> None:
+    """Complete a replacement that was stopped in its last step, if there is one."""
+    whole, entering, old = folder / _WHOLE, folder / _ENTERING, folder / _OLD
+    if whole.exists():
+        old.mkdir(exist_ok=True)
+        for part in parts:
+            if (folder / part).exists():
+                (folder / part).rename(old / part)
+        whole.rename(entering)
+    if entering.exists():
+        for part in reversed(parts):
+            if (entering / part).exists():
+                (entering / part).rename(folder / part)
+        shutil.rmtree(entering)
+    shutil.rmtree(old, ignore_errors=True)
