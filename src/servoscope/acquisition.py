@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import chain, islice, pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from servoscope.dataset_progress import (
     write_poses,
     write_progress,
 )
-from servoscope.errors import FolderExistsError, RobotFaultError
+from servoscope.errors import DataSetError, FolderExistsError, RobotFaultError
 from servoscope.poses import poses_from_displacements
 from servoscope.processes import in_processes
 from servoscope.robots.registry import make_robot
@@ -45,7 +46,7 @@ def acquire(
     """Take images of the simulated part and write them to a data set folder.
 
     An acquisition that was interrupted goes on where it stopped, and ends with the same images;
-    one that is finished is read.
+    one that is finished is read. What is replaced stays until the new images are all there.
 
     Parameters
     ----------
@@ -55,7 +56,8 @@ def acquire(
         Processes, as joblib counts them; all cores by default. Every number of them gives the
         same images.
     force : bool
-        Replace a data set that is there.
+        Replace a data set that is there. Interrupted, it goes on like any other when it is
+        repeated, `force` included.
     on_progress : callable, optional
         Called with the number of images that are written.
 
@@ -69,15 +71,40 @@ def acquire(
     ------
     FolderExistsError
         If the folder holds a data set that was asked for with another config.
+    FolderInUseError
+        If another command is writing there.
     RobotFaultError
         If the robot reaches none of the poses that are drawn for an image.
     """
     config = AcquisitionConfig() if config is None else config
-    if force:
-        dataset_folder.remove(folder)
-    progress = _begin(folder, config)
+    replace = force and not _is_begun(folder, config)
+    with dataset_folder.writing(folder, replace=replace, resumable=True) as place:
+        _take_all(place, config, n_jobs, force, on_progress)
+    return PoseImageSet.load(folder)
+
+
+def _is_begun(folder: Folder, config: AcquisitionConfig) -> bool:
+    """Whether the folder holds an unfinished acquisition of this config, and no whole data set."""
+    if dataset_folder.is_finished(folder):
+        return False
+    try:
+        progress = read_progress(folder)
+    except DataSetError:
+        return False
+    return progress is not None and progress.plan == config.plan()
+
+
+def _take_all(
+    folder: Path,
+    config: AcquisitionConfig,
+    n_jobs: int,
+    force: bool,
+    on_progress: Callable[[int], object] | None,
+) -> None:
+    """Take what is not there yet of an acquisition; with `force`, in place of any other one."""
+    progress = _begin(folder, config, force)
     if progress is None:
-        return PoseImageSet.load(folder)
+        return
     blocks = _blocks(progress.n_done, config.total())
     n_jobs = n_jobs if len(blocks) > 1 else 1
     for taken in in_processes(_take_block, ((config, block) for block in blocks), n_jobs):
@@ -99,10 +126,9 @@ def acquire(
             "source": {**progress.plan, "n_replaced": progress.n_replaced},
         },
     )
-    return PoseImageSet.load(folder)
 
 
-def _begin(folder: Folder, config: AcquisitionConfig) -> Progress | None:
+def _begin(folder: Path, config: AcquisitionConfig, force: bool) -> Progress | None:
     """What the folder has of the acquisition already, or None if it has all."""
     plan = config.plan()
     if dataset_folder.is_finished(folder):
@@ -116,7 +142,9 @@ def _begin(folder: Folder, config: AcquisitionConfig) -> Progress | None:
         progress = None
     if progress is not None and progress.plan == plan:
         return progress
-    if progress is not None and not dataset_folder.is_finished(folder):
+    if force:
+        dataset_folder.remove(folder)
+    elif progress is not None and not dataset_folder.is_finished(folder):
         made = ", ".join(f"{key} {progress.plan.get(key)}" for key in ("n_images", "seed"))
         raise FolderExistsError(
             f"{folder} holds an unfinished acquisition of other settings ({made}); repeat them to "

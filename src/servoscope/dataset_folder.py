@@ -9,7 +9,8 @@ from __future__ import annotations
 import csv
 import io
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +29,13 @@ from servoscope.dataset_progress import (
 from servoscope.errors import DataSetError, FolderExistsError, InvalidInputError
 from servoscope.files import read_json, remove_parts, write_atomically, write_json, write_text
 from servoscope.poses import poses_from_quaternions, quaternions_xyzw
+from servoscope.storage.ownership import owned
+from servoscope.storage.replacing import complete_replacement, replacing
 
 VERSION = 1
 POSE_COLUMNS = ("name", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 _PARTS = ("acquisition.json", "meta.json", "poses.csv", "reference.png")
+_REPLACED = (*reversed(_PARTS[:2]), *_PARTS[2:], "images.zarr", "poses.zarr")
 
 
 def is_data_set(folder: Folder) -> bool:
@@ -64,6 +68,33 @@ def check_free(folder: Folder, *, force: bool = False) -> None:
             raise FolderExistsError(
                 f"{path} holds a {part} that is no part of a data set; name another folder."
             )
+
+
+@contextmanager
+def writing(folder: Folder, *, replace: bool = False, resumable: bool = False) -> Iterator[Path]:
+    """Own a folder, and say where a data set for it is to be made.
+
+    Parameters
+    ----------
+    folder : path
+    replace : bool
+        Make it beside the data set that is there, whose place it takes once the block ends well.
+    resumable : bool
+        Go on with what an earlier block made beside it, and leave that if this one fails.
+
+    Raises
+    ------
+    FolderInUseError
+        If another command is writing there.
+    """
+    path = Path(folder)
+    with owned(path):
+        complete_replacement(path, _REPLACED)
+        if not (replace and is_data_set(path)):
+            yield path
+            return
+        with replacing(path, _REPLACED, go_on=resumable, keep=resumable) as place:
+            yield place
 
 
 def remove(folder: Folder) -> None:

@@ -42,11 +42,11 @@ def assess(
     from servoscope.assessment.independence import check_enough_images, mark_sequence
     from servoscope.commands.options import n_jobs, protocols
     from servoscope.commands.run_assessment import run_assessment, told_label_errors
-    from servoscope.commands.run_study import finish_run
+    from servoscope.commands.run_study import finish_run, print_run
     from servoscope.dataset import PoseImageSet
     from servoscope.errors import InvalidInputError
     from servoscope.study import StudyConfig
-    from servoscope.study.run_folder import open_run_folder
+    from servoscope.study.run_folder import owned_run_folder
 
     processes = n_jobs(jobs)
     config = StudyConfig(seed=seed, protocols=protocols(protocol))
@@ -61,14 +61,15 @@ def assess(
     data = mark_sequence(data)  # the study's random split would flatter
     settings = {"command": "assess", **asdict(config), "dataset": str(dataset.resolve())}
     settings |= {"want": wishes, "pose_error": label_errors, "families": tried}
-    run = open_run_folder(out, settings, resume=resume, force=force)
-    assessment = run_assessment(
-        run,
-        data,
-        families=tried,
-        seed=seed,
-        wishes=wishes,
-        label_errors=told_label_errors(data) | label_errors,
-        n_jobs=processes,
-    )
-    finish_run(run, data, config, processes, json=json, assessment=assessment)
+    with owned_run_folder(out, settings, resume=resume, force=force) as run:
+        assessment = run_assessment(
+            run,
+            data,
+            families=tried,
+            seed=seed,
+            wishes=wishes,
+            label_errors=told_label_errors(data) | label_errors,
+            n_jobs=processes,
+        )
+        summary = finish_run(run, data, config, processes, assessment=assessment)
+    print_run(summary, out, json=json)

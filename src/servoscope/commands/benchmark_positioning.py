@@ -43,19 +43,20 @@ def benchmark_positioning(
     from servoscope.scoreboard.conditions import SCENES
     from servoscope.scoreboard.plan import Plan
     from servoscope.scoreboard.run import Scoreboard
-    from servoscope.study.run_folder import open_run_folder
+    from servoscope.study.run_folder import owned_run_folder
 
     processes = n_jobs(jobs)
     plan = Plan(quick=quick, seed=seed, starts=starts, image_size=image_size)
     settings = {"command": "benchmark positioning", **asdict(plan)}
-    folder = open_run_folder(out, settings, resume=resume, force=force)
-    board = Scoreboard(folder, plan, n_jobs=processes, progress=progress_bar)
-    scoreboard = board.run()
-    page = write_scoreboard(out, scoreboard, {scene: board.trials(scene) for scene in SCENES})
+    with owned_run_folder(out, settings, resume=resume, force=force) as folder:
+        board = Scoreboard(folder, plan, n_jobs=processes, progress=progress_bar)
+        scoreboard = board.run()
+        trials = {scene: board.trials(scene) for scene in SCENES}
+        page = write_scoreboard(folder.path, scoreboard, trials)
     if json:
         print_json(scoreboard)
     else:
-        _print_scoreboard(scoreboard, page)
+        _print_scoreboard(scoreboard, out / page.name)
 
 
 def _print_scoreboard(scoreboard: dict[str, Any], page: Path) -> None:

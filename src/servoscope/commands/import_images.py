@@ -21,14 +21,13 @@ def import_command(name: str, format_: Format) -> Callable[..., None]:
         from servoscope.commands.info import describe_data_set
         from servoscope.commands.output import print_facts
         from servoscope.commands.progress import progress_bar
-        from servoscope.dataset_folder import check_free, remove
+        from servoscope.dataset_folder import check_free, writing
 
-        check_free(out, force=force)
-        with progress_bar("images", None) as advance:
-            data = format_.read(src, options, advance)
-        if force:
-            remove(out)
-        data.save(out)
+        with writing(out, replace=force) as place:
+            check_free(out, force=force)
+            with progress_bar("images", None) as advance:
+                data = format_.read(src, options, advance)
+            data.save(place)
         print_facts(describe_data_set(out), as_json=json)
 
     command.__doc__ = f"""Import {format_.summary}, and write a data set folder.

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import wraps
+from inspect import signature
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
 from servoscope.errors import InvalidInputError
 from servoscope.splits import PROTOCOLS
+from servoscope.storage.ownership import owned
 
 Source = Positional[Annotated[Path, arg(metavar="SRC", help="Folder to read.")]]
 DataSetOut = Positional[Annotated[Path, arg(metavar="OUT", help="Data set folder to write.")]]
@@ -19,7 +23,7 @@ ModelOut = Annotated[Path, arg(help="Model folder to write.")]
 Run = Positional[Annotated[Path, arg(metavar="RUN", help="Run folder.")]]
 RunOut = Annotated[Path, arg(help="Run folder to write.")]
 Jobs = Annotated[int | None, arg(metavar="N", help="Processes; by default as many as cores.")]
-Force = Annotated[bool, arg(help="Replace what is there.")]
+Force = Annotated[bool, arg(help="Replace what is there, once the new is whole.")]
 Resume = Annotated[bool, arg(help="Go on from the finished stages of an interrupted run.")]
 Json = Annotated[bool, arg(help="Print JSON.")]
 Protocol = Annotated[
@@ -34,6 +38,19 @@ RobotName = Annotated[
     Literal["free", "arm"],
     arg(help="What carries the camera: nothing, or an arm in physics, which tells its flange."),
 ]
+
+
+def owning_model(command: Callable[..., None]) -> Callable[..., None]:
+    """The command, which owns the model folder ``--out`` while it runs."""
+
+    @wraps(command)
+    def owner(*args: Any, **options: Any) -> None:
+        asked = signature(command).bind(*args, **options)
+        asked.apply_defaults()
+        with owned(asked.arguments["out"], beside=True):
+            command(*args, **options)
+
+    return owner
 
 
 def n_jobs(jobs: int | None) -> int:

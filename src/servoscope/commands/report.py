@@ -13,5 +13,11 @@ def report(run: Run, jobs: Jobs = None, json: Json = False) -> None:
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import print_facts
     from servoscope.report import write_report
+    from servoscope.storage.ownership import owned
+    from servoscope.study.run_folder import read_settings
 
-    print_facts({"report": str(write_report(run, n_jobs=n_jobs(jobs)))}, as_json=json)
+    processes = n_jobs(jobs)
+    read_settings(run)  # what is no run folder gets no lock
+    with owned(run):
+        page = write_report(run, n_jobs=processes)
+    print_facts({"report": str(page)}, as_json=json)

@@ -31,10 +31,9 @@ def finish_run(
     config: StudyConfig,
     n_jobs: int,
     *,
-    json: bool,
     assessment: dict[str, Any] | None = None,
-) -> None:
-    """Go through what is not finished of a run, write its report, and print its summary.
+) -> dict[str, Any]:
+    """Go through what is not finished of a run and write its report; returns its summary.
 
     With an assessment, the study is left out where these images do not do for it.
     """
@@ -60,14 +59,14 @@ def finish_run(
         advance(1)
     summary["timings_s"] = run.timings()
     write_json(path, summary)
+    return summary
+
+
+def print_run(summary: dict[str, Any], run: Path, *, json: bool) -> None:
+    """Print what was assessed, or else the errors by family and dof, and where the report is."""
     if json:
         print_json(summary)
-    else:
-        print_summary(summary, run.path / "report.html")
-
-
-def print_summary(summary: dict[str, Any], report: Path) -> None:
-    """Print what was assessed, or else the errors by family and dof, and where the report is."""
+        return
     out = console()
     if "assessed" in summary:
         print_assessment(summary["assessed"])
@@ -76,7 +75,7 @@ def print_summary(summary: dict[str, Any], report: Path) -> None:
     else:
         _print_study(summary)
     out.print(f"total {summary['timings_s']['total']:.1f} s")
-    out.print(f"report: {report}", soft_wrap=True)
+    out.print(f"report: {run / 'report.html'}", soft_wrap=True)
 
 
 def _print_study(summary: dict[str, Any]) -> None:

@@ -56,7 +56,7 @@ def sensitivity(
     from servoscope.report.sensitivity import write_sensitivity
     from servoscope.sensitivity import DISTURBANCES, SensitivityConfig
     from servoscope.sensitivity.config import DEFAULT_FEATURES
-    from servoscope.study.run_folder import open_run_folder
+    from servoscope.study.run_folder import owned_run_folder
 
     processes = n_jobs(jobs)
     config = SensitivityConfig(
@@ -70,13 +70,13 @@ def sensitivity(
         regressor=regressor,
     )
     settings = {"command": "sensitivity", **asdict(config)}
-    run = open_run_folder(out, settings, resume=resume, force=force)
-    results = _results(run, config, processes)
-    figures = write_sensitivity(out, results, n_jobs=processes)
+    with owned_run_folder(out, settings, resume=resume, force=force) as run:
+        results = _results(run, config, processes)
+        figures = write_sensitivity(run.path, results, n_jobs=processes)
     if json:
         print_json(results)
     else:
-        _print_tables(results, figures)
+        _print_tables(results, [out / figure.relative_to(run.path) for figure in figures])
 
 
 def _results(run: RunFolder, config: SensitivityConfig, processes: int) -> dict[str, Any]:

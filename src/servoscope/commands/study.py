@@ -31,27 +31,29 @@ def study(
         seed: Seed of the poses, the noise, the split and the nets.
     """
     from dataclasses import asdict
+    from functools import partial
 
     from servoscope.acquisition import AcquisitionConfig, acquire
     from servoscope.commands.options import n_jobs, protocols
     from servoscope.commands.progress import progress_bar
-    from servoscope.commands.run_study import finish_run
+    from servoscope.commands.run_study import finish_run, print_run
     from servoscope.dataset import PoseImageSet
     from servoscope.study.config import StudyConfig, check_n_images
-    from servoscope.study.run_folder import open_run_folder
+    from servoscope.study.run_folder import RunFolder, owned_run_folder
 
     processes = n_jobs(jobs)
     config = StudyConfig(seed=seed, protocols=protocols(protocol))
     check_n_images(n_images, config.protocols)
     acquisition = AcquisitionConfig(n_images=n_images, image_size=image_size, seed=seed)
     settings = {"command": "study", **asdict(config), "acquisition": asdict(acquisition)}
-    run = open_run_folder(out, settings, resume=resume, force=force)
 
-    def take_images() -> None:
+    def take_images(run: RunFolder) -> None:
         with progress_bar("images", n_images) as advance:
             acquire(run.path / "dataset", acquisition, n_jobs=processes, on_progress=advance)
 
     made = ["dataset/meta.json", "dataset/images.zarr"]
-    run.run_stage("acquire", settings["acquisition"], take_images, made)
-    data = PoseImageSet.load(run.path / "dataset")
-    finish_run(run, data, config, processes, json=json)
+    with owned_run_folder(out, settings, resume=resume, force=force) as run:
+        run.run_stage("acquire", settings["acquisition"], partial(take_images, run), made)
+        data = PoseImageSet.load(run.path / "dataset")
+        summary = finish_run(run, data, config, processes)
+    print_run(summary, out, json=json)

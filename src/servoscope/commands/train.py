@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from servoscope.commands.options import DataSet, Force, Jobs, Json, ModelOut
+from servoscope.commands.options import DataSet, Force, Jobs, Json, ModelOut, owning_model
 
 
+@owning_model
 def train(
     dataset: DataSet,
     out: ModelOut = Path("servoscope-model"),

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 import time
 import zipfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from servoscope import __version__, files
 from servoscope.errors import FolderExistsError, RunFolderError
+from servoscope.storage.ownership import LOCK, owned
+from servoscope.storage.replacing import NEW, complete_replacement, replacing
 
 VERSION = 1
 PARTS = (
@@ -35,6 +37,7 @@ PARTS = (
     "scoreboard.html",
 )
 FOLDERS = ("stages", "vectors", "models", "figures", "dataset", "trials")
+_REPLACED = (*PARTS, *FOLDERS)
 
 
 class RunFolder:
@@ -88,32 +91,54 @@ class RunFolder:
         return self.path / "stages" / f"{name}.json"
 
 
-def open_run_folder(
+@contextmanager
+def owned_run_folder(
     path: Path, settings: dict[str, Any], *, resume: bool = False, force: bool = False
-) -> RunFolder:
+) -> Iterator[RunFolder]:
+    """Own a run folder while the block runs: a new one, or with `resume` one that is gone on with.
+
+    With `force` the new run is made beside the one that is there, and takes its place once the
+    block ends well; if it does not, `resume` goes on with the new one.
+
+    Raises
+    ------
+    FolderInUseError
+        If another command is writing there.
+    FolderExistsError, RunFolderError
+        As `open_run_folder`.
+    """
+    with owned(path):
+        complete_replacement(path, _REPLACED)
+        if force and is_run(path):
+            with replacing(path, _REPLACED, keep=True) as place:
+                yield open_run_folder(place, settings)
+        elif resume and _is_of(path / NEW, settings):
+            with replacing(path, _REPLACED, go_on=True, keep=True) as place:
+                yield open_run_folder(place, settings, resume=True)
+        else:
+            yield open_run_folder(path, settings, resume=resume)
+
+
+def open_run_folder(path: Path, settings: dict[str, Any], *, resume: bool = False) -> RunFolder:
     """Make a run folder, or with `resume` go on in the one that is there.
 
     Raises
     ------
     FolderExistsError
-        If the folder is not empty and neither `resume` nor `force` is set, or if it is no run
-        folder.
+        If the folder holds a run and `resume` is not set, or if it is no run folder.
     RunFolderError
         If the run to resume was made with other settings or by another version.
     """
-    settings = json.loads(json.dumps(settings))
+    settings = _as_json(settings)
     if is_run(path):
-        if force:
-            remove_run(path)
-        elif resume:
-            _check_same_settings(path, settings)
-            return RunFolder(path, settings)
-        else:
+        if not resume:
             raise FolderExistsError(
                 f"{path} holds a run already; go on with it with --resume, replace it with "
                 "--force, or name another folder with --out."
             )
-    elif path.exists() and (not path.is_dir() or _holds_anything(path)):
+        _check_same_settings(path, settings)
+        return RunFolder(path, settings)
+    if path.exists() and (not path.is_dir() or _holds_anything(path)):
         raise FolderExistsError(f"{path} exists and is not a run folder; name another with --out.")
     path.mkdir(parents=True, exist_ok=True)
     files.remove_parts(path)
@@ -151,27 +176,32 @@ def read_settings(path: Path) -> dict[str, Any]:
     return config.get("settings", {})
 
 
-def remove_run(path: Path) -> None:
-    """Remove a run from its folder, and nothing else that may be in it.
-
-    The records of finished stages go first and ``config.json`` last, so that an interrupted
-    removal leaves a run in which nothing counts as finished.
-    """
-    for folder in FOLDERS:
-        shutil.rmtree(path / folder, ignore_errors=True)
-    for part in reversed(PARTS):
-        (path / part).unlink(missing_ok=True)
-
-
 def _holds_anything(path: Path) -> bool:
-    """Whether a folder holds more than interrupted writes have left."""
-    return any(not (p.name.startswith(".") and p.suffix == ".part") for p in path.iterdir())
+    """Whether a folder holds more than its lock and what interrupted writes have left."""
+    return any(
+        p.name != LOCK and not (p.name.startswith(".") and p.suffix == ".part")
+        for p in path.iterdir()
+    )
+
+
+def _as_json(settings: dict[str, Any]) -> dict[str, Any]:
+    """Settings as they are read again."""
+    read: dict[str, Any] = json.loads(json.dumps(settings))
+    return read
 
 
 def digest(value: Any) -> str:
     """A short hash of plain JSON values."""
     text = json.dumps(value, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _is_of(path: Path, settings: dict[str, Any]) -> bool:
+    """Whether a folder holds a run of these settings."""
+    try:
+        return read_settings(path) == _as_json(settings)
+    except RunFolderError:
+        return False
 
 
 def _check_same_settings(path: Path, settings: dict[str, Any]) -> None:
