@@ -2,26 +2,36 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import os
+import re
 import signal
 import sys
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr
 from errno import ENOSPC
+from functools import partial, wraps
 from typing import Any
 
 from tyro.conf import FlagCreatePairsOff
 from tyro.extras import SubcommandApp
 
 from servoscope import __version__
+from servoscope.commands.output import print_message
+from servoscope.commands.streams import discard_unwritten, prepare_streams
 from servoscope.errors import ServoscopeError
 from servoscope.processes import stop_processes
+from servoscope.storage.shared_folder import remove_abandoned
+from servoscope.wording import printable
 
 DESCRIPTION = """Vision-based robot positioning: which image features tell about which degree of
 freedom, and how accurately. Begin with: servoscope study. Every command also takes --debug, which
 shows where an error came from; --version tells the version."""
+
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,23 +50,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with 2.
     """
     is_whole_process = arguments is None
+    if is_whole_process:
+        prepare_streams()
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in arguments
     arguments = [argument for argument in arguments if argument != "--debug"]
-    if arguments == ["--version"]:
-        print(f"servoscope {__version__}")
-        return 0
     warnings.showwarning = _print_warning
-    logging.getLogger("asyncio").setLevel(logging.CRITICAL)
     warnings.filterwarnings("ignore", message=r"\d+ tasks (which|have)")
+    logging.getLogger("asyncio").setLevel(logging.CRITICAL)
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # it prints names of files as they are
     try:
-        app = _app()
-        app.cli(
-            prog="servoscope",
-            description=DESCRIPTION,
-            args=arguments or ["--help"],
-            config=(FlagCreatePairsOff,),
-        )
+        _run(arguments or ["--help"])
         sys.stdout.flush()
     except KeyboardInterrupt:
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second would disturb the end
@@ -66,13 +70,50 @@ def main(arguments: Sequence[str] | None = None) -> int:
             signal.signal(signal.SIGINT, before)
         return code
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        discard_unwritten()
         return 1
     except Exception as error:
         if debug:
-            traceback.print_exc()
-        return _fail(_one_line(error), 1)
+            print(printable(traceback.format_exc()), end="", file=sys.stderr)
+        code = _fail(_one_line(error), 1)
+        discard_unwritten()
+        return code
     return 0
+
+
+def _run(arguments: Sequence[str]) -> None:
+    if list(arguments) == ["--version"]:
+        print(f"servoscope {__version__}")
+        return
+    remove_abandoned()
+    _asked_for(arguments)()
+
+
+def _asked_for(arguments: Sequence[str]) -> Callable[[], None]:
+    """The command that arguments name, with its own; exits where they name none."""
+    errors = io.StringIO()
+    try:
+        with redirect_stderr(errors):
+            command: Callable[[], None] = _app().cli(
+                prog="servoscope",
+                description=DESCRIPTION,
+                args=arguments,
+                config=(FlagCreatePairsOff,),
+            )
+            return command
+    finally:
+        if errors.getvalue():
+            print(printable(_COLOURS.sub("", errors.getvalue())), end="", file=sys.stderr)
+
+
+def _later(command: Callable[..., None]) -> Callable[..., Callable[[], None]]:
+    """What takes the arguments of a command and returns the command with them."""
+
+    @wraps(command)
+    def asked_for(*arguments: Any, **options: Any) -> Callable[[], None]:
+        return partial(command, *arguments, **options)
+
+    return asked_for
 
 
 def _app() -> SubcommandApp:
@@ -89,18 +130,18 @@ def _app() -> SubcommandApp:
 
     app, formats, benchmarks = SubcommandApp(), SubcommandApp(), SubcommandApp()
     for name, import_format in import_commands().items():
-        formats.command(name=name)(import_format)
-    app.command(study)
-    app.command(acquire)
-    app.command(assess)
+        formats.command(name=name)(_later(import_format))
+    app.command(_later(study))
+    app.command(_later(acquire))
+    app.command(_later(assess))
     app.command(formats, name="import", help="Make a data set of your own images and poses.")
-    app.command(train)
-    app.command(position)
-    benchmarks.command(name="positioning")(benchmark_positioning)
+    app.command(_later(train))
+    app.command(_later(position))
+    benchmarks.command(name="positioning")(_later(benchmark_positioning))
     app.command(benchmarks, name="benchmark", help="Compare servoscope with what else there is.")
-    app.command(sensitivity)
-    app.command(report)
-    app.command(info)
+    app.command(_later(sensitivity))
+    app.command(_later(report))
+    app.command(_later(info))
     return app
 
 
@@ -118,12 +159,12 @@ def _one_line(error: Exception) -> str:
 
 
 def _fail(message: str, code: int) -> int:
-    print(f"servoscope: {message}", file=sys.stderr)
+    print_message(f"servoscope: {message}")
     return code
 
 
 def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    print(f"servoscope: warning: {' '.join(str(message).split())}", file=sys.stderr)
+    print_message(f"servoscope: warning: {message}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Words of sentences that are put together."""
+"""Words of sentences that are put together, and of what others have written."""
 
 from __future__ import annotations
 
@@ -16,3 +16,18 @@ def listing(words: Sequence[str]) -> str:
     if len(words) < 2:
         return "".join(words)
     return f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def printable(text: str) -> str:
+    r"""A text with a question mark for each character that a terminal would take for a command.
+
+    That is whatever Python does not call printable: control characters, those that turn the
+    direction of writing, and halves of surrogate pairs. Ends of lines stay, other white space
+    becomes blanks.
+
+    Examples
+    --------
+    >>> printable("a\x1b[2J\tb")
+    'a?[2J b'
+    """
+    return "".join(c if c.isprintable() or c == "\n" else " " if c.isspace() else "?" for c in text)

@@ -1,26 +1,41 @@
-"""What commands print on standard output."""
+"""What commands print: data on standard output, the rest on standard error."""
 
 from __future__ import annotations
 
 import json
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
 from rich.table import Table
+
+from servoscope.wording import printable
+
+
+class SafeConsole(Console):
+    """A console on which no text moves the cursor or changes the terminal."""
+
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterable[Segment]:
+        """The segments of a text or a table, as of `Console`, but printable."""
+        for segment in super().render(renderable, options):
+            text = segment.text if segment.control else printable(segment.text)
+            yield Segment(text, segment.style, segment.control)
 
 
 def console() -> Console:
     """Standard output, wide enough for tables also where it is not a terminal."""
     width = None if sys.stdout.isatty() else max(120, shutil.get_terminal_size().columns)
-    return Console(width=width, highlight=False, markup=False)
+    return SafeConsole(width=width, highlight=False, markup=False)
 
 
 def print_json(value: Any) -> None:
     """Print one JSON value."""
-    print(json.dumps(value, indent=1, allow_nan=False))
+    print(json.dumps(value, indent=1, allow_nan=False).replace("\x7f", "\\u007f"))
 
 
 def print_facts(facts: Mapping[str, Any], *, as_json: bool = False) -> None:
@@ -34,6 +49,11 @@ def print_facts(facts: Mapping[str, Any], *, as_json: bool = False) -> None:
     console().print(table)
 
 
+def print_message(message: str) -> None:
+    """Print a line on standard error."""
+    print(printable(" ".join(message.split())), file=sys.stderr)
+
+
 def _shown(value: Any) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{_shown(key)} {_shown(item)}" for key, item in value.items()) or "-"
@@ -42,4 +62,4 @@ def _shown(value: Any) -> str:
         return ("; " if of_parts else " x ").join(map(_shown, value))
     if isinstance(value, float):
         return f"{value:.4g}"
-    return "".join(c if c.isprintable() else "?" for c in str(value))
+    return printable(str(value)).replace("\n", "?")

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -16,6 +14,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from servoscope.commands.output import SafeConsole, print_message
+
 
 @contextmanager
 def progress_bar(description: str, total: int | None) -> Iterator[Callable[[int], object]]:
@@ -24,12 +24,12 @@ def progress_bar(description: str, total: int | None) -> Iterator[Callable[[int]
     Where standard error is not a terminal, one line says what is being done instead, once it has
     begun.
     """
-    console = Console(stderr=True)
+    console = SafeConsole(stderr=True)
     if not console.is_terminal:
         yield _announcement(description if total is None else f"{description} ({total})")
         return
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
@@ -47,7 +47,7 @@ def _announcement(description: str) -> Callable[[int], object]:
     def advance(n_done: int) -> None:
         nonlocal announced
         if not announced:
-            print(f"{description} ...", file=sys.stderr)
+            print_message(f"{description} ...")
         announced = True
 
     return advance

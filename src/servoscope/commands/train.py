@@ -29,7 +29,7 @@ def train(
         seed: Seed of the nets, of what is held out, and of the disturbances.
     """
     from servoscope.commands.options import n_jobs
-    from servoscope.commands.output import print_json
+    from servoscope.commands.output import console, print_json
     from servoscope.commands.progress import progress_bar
     from servoscope.dataset import PoseImageSet
     from servoscope.positioning.model_folder import check_free
@@ -46,7 +46,7 @@ def train(
         print_json({"model": str(out), "accuracy": model.accuracy})
     else:
         _print_accuracy(model.accuracy)
-        print(f"model: {out}")
+        console().print(f"model: {out}", soft_wrap=True)
 
 
 def _print_accuracy(accuracy: dict[str, Any]) -> None:
