@@ -9,7 +9,7 @@ import pytest
 
 from planar import planar_data_set
 from servoscope.cli import main
-from servoscope.commands.run_study import print_summary
+from servoscope.commands.run_study import print_run
 from servoscope.poses import DOFS
 
 
@@ -26,7 +26,7 @@ def test_a_dof_that_never_moves_is_left_out(
     capsys.readouterr()
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     study = {name: summary[name] for name in ("dataset", "protocols", "timings_s")}
-    print_summary(study, Path("report.html"))
+    print_run(study, Path("report.html"), json=False)
     told = capsys.readouterr().out
     table = told[told.index("camera form") :].splitlines()
     (still,) = (line for line in table if "none: the mean" in line)

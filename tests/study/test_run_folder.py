@@ -1,10 +1,15 @@
 import json
-from pathlib import Path
 
 import pytest
 
-from servoscope.errors import FolderExistsError, RunFolderError
-from servoscope.study.run_folder import is_run, open_run_folder, read_arrays, read_settings
+from servoscope.errors import FolderExistsError, FolderInUseError, RunFolderError
+from servoscope.study.run_folder import (
+    is_run,
+    open_run_folder,
+    owned_run_folder,
+    read_arrays,
+    read_settings,
+)
 
 
 def test_a_finished_stage_is_not_done_again_for_the_same_inputs(tmp_path):
@@ -61,7 +66,8 @@ def test_force_removes_the_run_and_nothing_else(tmp_path):
     (run.path / "models").mkdir()
     (run.path / "models" / "paper_pivot.npz").write_text("old")
     (run.path / "notes.txt").write_text("mine")
-    open_run_folder(run.path, {"seed": 1}, force=True)
+    with owned_run_folder(run.path, {"seed": 1}, force=True):
+        pass
     assert sorted(p.name for p in run.path.iterdir()) == ["config.json", "notes.txt"]
     assert read_settings(run.path) == {"seed": 1}
 
@@ -70,8 +76,11 @@ def test_force_removes_the_run_and_nothing_else(tmp_path):
 def test_a_folder_of_somebody_else_is_left_alone(tmp_path, force):
     (tmp_path / "config.json").write_text('{"mine": 1}')
     (tmp_path / "models").mkdir()
-    with pytest.raises(FolderExistsError, match="not a run folder"):
-        open_run_folder(tmp_path, {}, force=force)
+    with (
+        pytest.raises(FolderExistsError, match="not a run folder"),
+        owned_run_folder(tmp_path, {}, force=force),
+    ):
+        pass
     assert (tmp_path / "models").is_dir()
 
 
@@ -95,7 +104,8 @@ def test_a_damaged_config_is_named_and_may_be_replaced(tmp_path):
     run = damaged_run(tmp_path / "run")
     with pytest.raises(RunFolderError, match=r"config\.json cannot be read"):
         open_run_folder(run.path, {"seed": 0}, resume=True)
-    open_run_folder(run.path, {"seed": 1}, force=True)
+    with owned_run_folder(run.path, {"seed": 1}, force=True):
+        pass
     assert read_settings(run.path) == {"seed": 1}
 
 
@@ -124,20 +134,56 @@ def test_a_stage_with_a_damaged_record_is_done_again(tmp_path):
     assert done == [1, 2]
 
 
-def test_a_removal_that_is_interrupted_leaves_nothing_that_counts_as_finished(
-    tmp_path, monkeypatch
-):
-    run = open_run_folder(tmp_path / "run", {"seed": 0})
-    run.run_stage("features", 0, lambda: (run.path / "features.npz").write_text("old"))
-    monkeypatch.setattr(Path, "unlink", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt))
-    with pytest.raises(KeyboardInterrupt):
-        open_run_folder(run.path, {"seed": 0}, force=True)
-    monkeypatch.undo()
+def replaced_until_it_fails(path):
+    """A finished run, and what is done of another one that shall replace it."""
+    with owned_run_folder(path, {"seed": 0}) as run:
+        run.run_stage("features", 0, lambda: (run.path / "features.npz").write_text("old"))
+    with pytest.raises(OSError, match="disk"):
+        replace_and_fail(path)
+
+
+def replace_and_fail(path):
+    with owned_run_folder(path, {"seed": 1}, force=True) as new:
+        new.run_stage("features", 0, lambda: (new.path / "features.npz").write_text("new"))
+        raise OSError("disk full")
+
+
+def test_a_replacement_that_fails_leaves_the_run_as_it_was(tmp_path):
+    replaced_until_it_fails(tmp_path / "run")
+    assert read_settings(tmp_path / "run") == {"seed": 0}
+    assert (tmp_path / "run" / "features.npz").read_text() == "old"
+    with owned_run_folder(tmp_path / "run", {"seed": 0}, resume=True) as run:
+        run.run_stage("features", 0, lambda: pytest.fail("it was finished"))
+
+
+def test_a_replacement_that_failed_is_resumed(tmp_path):
+    replaced_until_it_fails(tmp_path / "run")
+    with owned_run_folder(tmp_path / "run", {"seed": 1}, resume=True) as run:
+        run.run_stage("features", 0, lambda: pytest.fail("it was finished"))
+    assert read_settings(tmp_path / "run") == {"seed": 1}
+    assert (tmp_path / "run" / "features.npz").read_text() == "new"
+    assert sorted(p.name for p in run.path.parent.iterdir()) == [
+        "config.json",
+        "features.npz",
+        "stages",
+    ]
+
+
+def test_force_begins_a_replacement_afresh(tmp_path):
+    replaced_until_it_fails(tmp_path / "run")
     done = []
-    open_run_folder(run.path, {"seed": 0}, resume=True).run_stage(
-        "features", 0, lambda: done.append(1)
-    )
+    with owned_run_folder(tmp_path / "run", {"seed": 1}, force=True) as run:
+        run.run_stage("features", 0, lambda: done.append(1))
     assert done == [1]
+
+
+def test_a_run_has_one_owner(tmp_path):
+    with (
+        owned_run_folder(tmp_path / "run", {}),
+        pytest.raises(FolderInUseError, match="run is being written by another command"),
+        owned_run_folder(tmp_path / "run", {}, resume=True),
+    ):
+        pass
 
 
 def test_what_a_killed_write_left_does_not_stand_in_the_way(tmp_path):

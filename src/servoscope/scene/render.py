@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from servoscope.scene.plane_light import plane_radiance
-from servoscope.scene.scene import Scene
+from servoscope.scene.scene import T_WORLD_REF, Scene
 from servoscope.scene.textured_plane import TexturedPlane
 from servoscope.scene.tracing import traced_radiance
 
@@ -35,6 +37,15 @@ def render(
     (64, 64)
     """
     return scene.sensor.read_out(render_radiance(scene, T_world_cam), rng)
+
+
+@lru_cache(maxsize=4)
+def prepare(scene: Scene) -> None:
+    """Make what all images of a scene need, so that the first one takes no longer than another.
+
+    Building a part and compiling take seconds, which nobody should wait for while a robot moves.
+    """
+    render(scene, T_WORLD_REF, np.random.default_rng(0))
 
 
 def render_radiance(scene: Scene, T_world_cam: ArrayLike) -> NDArray[np.float32]:
