@@ -174,6 +174,61 @@ def test_other_settings_are_refused_until_forced(
     assert data.source["seed"] == 9
 
 
+def _disk_full_at(n_images: int) -> Callable[..., None]:
+    write_images = dataset_folder.write_images
+
+    def write(folder: Path, start: int, images: np.ndarray) -> None:
+        if start >= n_images:
+            raise OSError(28, "No space left on device")
+        write_images(folder, start, images)
+
+    return write
+
+
+@pytest.mark.parametrize("n_done", [0, 25, 50])
+def test_a_full_disk_costs_nothing_of_what_is_replaced(
+    tmp_path: Path, whole: PoseImageSet, n_done: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = AcquisitionConfig(n_images=3, image_size=16, seed=9)
+    old = acquire(tmp_path, other, n_jobs=1)
+    with monkeypatch.context() as patch:
+        patch.setattr(dataset_folder, "write_images", _disk_full_at(n_done))
+        with pytest.raises(OSError, match="No space left"):
+            acquire(tmp_path, CONFIG, n_jobs=1, force=True)
+    assert_same(PoseImageSet.load(tmp_path), old)
+    counts: list[int] = []
+    new = acquire(tmp_path, CONFIG, n_jobs=1, force=True, on_progress=counts.append)
+    assert_same(new, whole)
+    assert counts == [n for n in (25, 50, 60) if n > n_done]
+    names = ["images.zarr", "meta.json", "poses.csv", "reference.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+
+
+def test_force_goes_on_with_an_acquisition_that_replaces_nothing(
+    tmp_path: Path, whole: PoseImageSet
+) -> None:
+    _half_done(tmp_path)
+    counts: list[int] = []
+    new = acquire(tmp_path, CONFIG, n_jobs=1, force=True, on_progress=counts.append)
+    assert_same(new, whole)
+    assert counts == [50, 60]
+
+
+def test_a_replacement_of_other_settings_is_not_gone_on_with(
+    tmp_path: Path, whole: PoseImageSet
+) -> None:
+    _done(tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        acquire(
+            tmp_path,
+            AcquisitionConfig(n_images=60, image_size=16, seed=4),
+            n_jobs=1,
+            force=True,
+            on_progress=_interrupt,
+        )
+    assert_same(acquire(tmp_path, CONFIG, n_jobs=1, force=True), whole)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

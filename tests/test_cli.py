@@ -9,10 +9,14 @@ import sys
 import time
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from planar import planar_data_set
 from servoscope.cli import main
+from servoscope.dataset import PoseImageSet
+from servoscope.storage.ownership import LOCK, owned
 
 MOMENTS = ("--families", "moments")
 STUDY = ("study", "--n-images", "144", "--image-size", "24", "--seed", "3", "--protocol", "honest")
@@ -230,6 +234,105 @@ def test_a_full_disk_is_said_in_one_line(tmp_path, monkeypatch, capsys):
     assert main(command) == 1
     last = capsys.readouterr().err.splitlines()[-1]
     assert last.startswith("servoscope: features.npz: No space left on device; free some")
+
+
+def of_folder(folder: Path) -> dict[str, bytes]:
+    """What the files of a folder hold, but for hidden ones at its top."""
+    shown = [path for path in folder.iterdir() if not path.name.startswith(".")]
+    files = [file for path in shown for file in (path, *path.rglob("*")) if file.is_file()]
+    return {str(file.relative_to(folder)): file.read_bytes() for file in files}
+
+
+def test_a_full_disk_costs_nothing_of_a_run_that_is_replaced(
+    finished, tmp_path, monkeypatch, capsys
+):
+    run = tmp_path / "run"
+    shutil.copytree(finished, run)
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device", "features.npz")
+
+    monkeypatch.setattr("servoscope.study.run.write_arrays", full)
+    assert main([*STUDY[:-2], "--protocol", "paper", "--out", str(run), "--force"]) == 1
+    assert "No space left on device" in capsys.readouterr().err
+    assert of_folder(run) == of_folder(finished)
+
+
+def test_a_full_disk_costs_nothing_of_a_set_that_an_import_replaces(tmp_path, monkeypatch, capsys):
+    planar_data_set(12, 24).save(tmp_path / "data")
+    before = of_folder(tmp_path / "data")
+    (tmp_path / "source").mkdir()
+    for name in ("a.png", "b.png"):
+        cv2.imwrite(str(tmp_path / "source" / name), np.eye(24, dtype=np.uint8))
+    poses = "name,tx,ty,tz,qx,qy,qz,qw\na.png,0,0,0,0,0,0,1\nb.png,0,0,1,0,0,0,1\n"
+    (tmp_path / "source" / "poses.csv").write_text(poses)
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device", "meta.json")
+
+    command = ["import", "folder", str(tmp_path / "source"), str(tmp_path / "data"), "--force"]
+    with monkeypatch.context() as patch:
+        patch.setattr("servoscope.dataset_folder.write_json", full)
+        assert main(command) == 1
+    assert "No space left on device" in capsys.readouterr().err
+    assert of_folder(tmp_path / "data") == before
+    assert main(command) == 0
+    assert len(PoseImageSet.load(tmp_path / "data")) == 2
+    assert not list((tmp_path / "data").glob(".*"))
+
+
+@pytest.mark.slow
+def test_a_killed_replacement_leaves_the_old_set_and_goes_on(tmp_path):
+    data = tmp_path / "data"
+    planar_data_set(12, 24).save(data)
+    before = of_folder(data)
+    command = ["acquire", str(data), "--n-images", "300", "--image-size", "16", "--force"]
+    process = start(*command)
+    wait_for(data / ".servoscope-new" / "images.zarr" / "c", process)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+    assert of_folder(data) == before
+    assert main(command) == 0
+    assert len(PoseImageSet.load(data)) == 300
+    assert not list(data.glob(".*"))
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["acquire", "OUT"],
+        ["acquire", "OUT", "--force"],
+        ["import", "folder", "SOURCE", "OUT"],
+        ["import", "tum", "SOURCE", "OUT", "--force"],
+        ["study", "--out", "OUT"],
+        ["study", "--out", "OUT", "--resume"],
+        ["assess", "DATA", "--out", "OUT"],
+        ["sensitivity", "--out", "OUT", "--force"],
+        ["benchmark", "positioning", "--out", "OUT"],
+    ],
+    ids=" ".join,
+)
+def test_a_folder_that_a_command_writes_is_refused_to_a_second_one(command, tmp_path, capsys):
+    if "DATA" in command:
+        planar_data_set(60, 24).save(tmp_path / "DATA")
+    asked = [str(tmp_path / word) if word.isupper() else word for word in command]
+    with owned(tmp_path / "OUT"):
+        assert main(asked) == 1
+        assert [path.name for path in (tmp_path / "OUT").iterdir()] == [LOCK]
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "OUT is being written by another command" in line
+
+
+def test_training_is_refused_before_it_begins_where_another_writes(tmp_path, capsys):
+    with owned(tmp_path / "model", beside=True):
+        assert main(["train", "nowhere", "--out", str(tmp_path / "model")]) == 1
+    assert "model is being written by another command" in capsys.readouterr().err
+
+
+def test_a_report_is_refused_while_its_run_is_written(finished, capsys):
+    with owned(finished):
+        assert main(["report", str(finished)]) == 1
+    assert "is being written by another command" in capsys.readouterr().err
 
 
 def test_a_data_set_is_not_assessed_into_a_folder_that_holds_it(finished, capsys):
