@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from planar import planar_data_set
-from servoscope.cli import main
 from servoscope.commands.run_study import print_run
 from servoscope.poses import DOFS
+from servoscope.study import Study, StudyConfig, open_run_folder
 
 
 def test_a_dof_that_never_moves_is_left_out(
@@ -19,14 +19,11 @@ def test_a_dof_that_never_moves_is_left_out(
     data = planar_data_set(144, 24)
     poses = data.T_world_cam.copy()
     poses[:, 2, 3] = data.T_world_ref[2, 3]
-    replace(data, T_world_cam=poses).save(tmp_path / "data")
-    run = str(tmp_path / "run")
-    command = ["assess", str(tmp_path / "data"), "--out", run, "--families", "moments"]
-    assert main([*command, "--protocol", "honest"]) == 0
-    capsys.readouterr()
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
-    study = {name: summary[name] for name in ("dataset", "protocols", "timings_s")}
-    print_run(study, Path("report.html"), json=False)
+    config = StudyConfig(hidden=4, restarts=1, n_thresholds=5, protocols=("honest",))
+    run = open_run_folder(tmp_path / "run", {})
+    Study(run, replace(data, T_world_cam=poses), config, n_jobs=1).run()
+    summary = json.loads((run.path / "summary.json").read_text())
+    print_run(summary, run.path, json=False)
     told = capsys.readouterr().out
     table = told[told.index("camera form") :].splitlines()
     (still,) = (line for line in table if "none: the mean" in line)

@@ -143,7 +143,7 @@ def _train_all(
     n_jobs: int | None,
 ) -> Iterator[TrainedNetwork]:
     calls = ((*samples, *parts, job, option) for job, option in zip(jobs, options, strict=True))
-    return in_processes(_train_one, calls, n_jobs, batch_size=1, max_nbytes=1024)
+    return in_processes(_train_one, calls, n_jobs, batch_size=1)
 
 
 def _train_one(
