@@ -45,7 +45,7 @@ def main() -> None:
             print(f"\n{as_text(table)}", flush=True)
             tables.append(table)
     if options.markdown:
-        command = " ".join(["python -m benchmarks", *sys.argv[1:]])
+        command = " ".join([".venv/bin/python -m benchmarks", *sys.argv[1:]])
         options.markdown.write_text(as_page(machine, tables, command), encoding="utf-8")
 
 

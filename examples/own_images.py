@@ -1,6 +1,6 @@
 """Which image features tell about which degree of freedom, on a folder of your own images.
 
-    python examples/own_images.py FOLDER
+    .venv/bin/python examples/own_images.py FOLDER
 
 FOLDER holds images taken around a reference pose and a ``poses.csv`` that gives the camera pose
 of each; ``docs/importing.md`` describes it. Set OPTIONS to the conventions of your poses.

@@ -3,11 +3,15 @@
 `MyCamera` and `MyRobot` are all that servoscope needs to know of them. `driver` stands for whatever
 your robot is commanded by: it has `get_pose()`, a 4 x 4 matrix in metres of the flange (or of any
 frame that moves with the camera), `move_linear(pose)`, which returns when the robot stands still,
-and `stop()`. Jog the robot to its reference view, then:
+and `stop()`. Jog the robot to its reference view, then, with Python started in `examples/`:
+
+    import servoscope as sv
+    from own_robot import MyCamera, MyRobot, take_images
+    from servoscope.positioning.training import train
 
     robot, camera = MyRobot(driver), MyCamera()
     take_images(robot, camera).save("my_part")  # the robot moves: mind what is around it
-    servoscope.positioning.train(sv.PoseImageSet.load("my_part")).save("my_model")
+    train(sv.PoseImageSet.load("my_part")).save("my_model")
 
     positioner = sv.Positioner.load("my_model")
     print(positioner.run(robot, camera, dry_run=True).message)

@@ -1,0 +1,74 @@
+"""The commands and the imports of the documentation are such."""
+
+import ast
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from servoscope.cli import _asked_for
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+FENCED = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+RUN = re.compile(r"(\.venv/bin/)?(servoscope|python -m|pip) .*")
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+
+
+def commands(text: str) -> list[str]:
+    """Lines of shell, wherever they stand as blocks, and commands with arguments within lines."""
+    blocks = [code for kind, code in FENCED.findall(text) if kind in ("sh", "console")]
+    blocks += re.findall(r"^    (.*)$", text, re.MULTILINE)
+    lines = [line.removeprefix("$ ") for block in blocks for line in block.splitlines()]
+    steps = [step.strip() for line in lines for step in line.split("&&")]
+    inline = re.findall(r"`([^`\n]*servoscope [^`\n]*--?[^`\n]*)`", FENCED.sub("", text))
+    return [step for step in (*steps, *inline) if RUN.fullmatch(step)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_are_written_for_one_place_and_exist(page: Path) -> None:
+    for command in commands(page.read_text(encoding="utf-8")):
+        program, *arguments = shlex.split(command, comments=True)
+        assert program.startswith(".venv/bin/"), command
+        if program.endswith("/servoscope") and "--help" not in arguments:
+            assert callable(_asked_for(arguments)), command
+
+
+def test_there_are_commands_to_look_at() -> None:
+    assert len([c for page in PAGES for c in commands(page.read_text(encoding="utf-8"))]) > 25
+
+
+def python_of(page: Path) -> list[str]:
+    """Blocks of Python in a page, or in what an example says of itself."""
+    text = page.read_text(encoding="utf-8")
+    if page.suffix == ".md":
+        return [code for kind, code in FENCED.findall(text) if kind == "python"]
+    said = ast.get_docstring(ast.parse(text)) or ""
+    return [re.sub(r"^    ", "", "\n".join(re.findall(r"^    .*$", said, re.M)), flags=re.M)]
+
+
+@pytest.mark.parametrize("page", [*PAGES, *EXAMPLES], ids=lambda page: page.name)
+def test_python_names_only_what_it_imports(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "examples"))
+    for code in python_of(page):
+        if code.startswith(".venv/bin/"):
+            continue
+        tree = ast.parse(code)
+        imports = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+        known: dict[str, object] = {}
+        exec(compile(ast.Module(imports, []), str(page), "exec"), known)  # noqa: S102
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                owner = node.value.id
+                if owner in ("sv", "servoscope"):
+                    assert owner in known, f"{owner} is not imported"
+                    assert hasattr(known[owner], node.attr), node.attr
+        if page in EXAMPLES:
+            made = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name)} - set(known)
+            assigned = {
+                n.id
+                for n in ast.walk(tree)
+                if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
+            }
+            assert made - assigned <= {"driver", "print"}
