@@ -8,6 +8,7 @@ then the new ones move in, all by renaming.
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -44,7 +45,7 @@ def replacing(
         yield new
     except BaseException:
         if not keep:
-            shutil.rmtree(new, ignore_errors=True)
+            _remove(new)
         raise
     new.rename(folder / _WHOLE)
     complete_replacement(folder, parts)
@@ -65,3 +66,12 @@ def complete_replacement(folder: Path, parts: Sequence[str]) -> None:
                 (entering / part).rename(folder / part)
         shutil.rmtree(entering)
     shutil.rmtree(old, ignore_errors=True)
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder in which threads of a writer that failed may still be writing."""
+    for _ in range(20):
+        shutil.rmtree(folder, ignore_errors=True)
+        time.sleep(0.1)
+        if not folder.exists():
+            return
