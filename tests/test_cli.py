@@ -28,6 +28,17 @@ def start(*arguments: str, **options) -> subprocess.Popen:
     return subprocess.Popen(command, start_new_session=True, **pipes, **options)
 
 
+def start_study(run: Path, finished: Path, moment: str) -> subprocess.Popen:
+    """Begin the study; with the images of another one where it is to be stopped after those."""
+    if moment in ("dataset/acquisition.json", "stages/acquire.json"):
+        return start(*STUDY, "--out", str(run))
+    for part in ("config.json", "stages/acquire.json"):
+        (run / part).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(finished / part, run / part)
+    shutil.copytree(finished / "dataset", run / "dataset")
+    return start(*STUDY, "--out", str(run), "--resume")
+
+
 def wait_for(path: Path, process: subprocess.Popen) -> None:
     """Return once `path` exists; fail if the process ends first."""
     deadline = time.monotonic() + 120
@@ -88,7 +99,7 @@ def test_study_prints_its_summary_as_json(finished, capsys):
 )
 def test_a_killed_study_resumes_to_the_same_summary(finished, tmp_path, moment):
     run = tmp_path / "run"
-    process = start(*STUDY, "--out", str(run))
+    process = start_study(run, finished, moment)
     wait_for(run / moment, process)
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate()
@@ -104,7 +115,7 @@ def test_a_killed_study_resumes_to_the_same_summary(finished, tmp_path, moment):
 )
 def test_an_interrupted_study_says_so_in_one_line_and_can_be_resumed(finished, tmp_path, moment):
     run = tmp_path / "run"
-    process = start(*STUDY, "--out", str(run))
+    process = start_study(run, finished, moment)
     wait_for(run / moment, process)
     time.sleep(0.3)
     err = interrupt(process)
@@ -223,15 +234,15 @@ def test_a_damaged_image_stack_is_named(tmp_path, capsys):
     assert "Traceback" not in err
 
 
-def test_a_full_disk_is_said_in_one_line(tmp_path, monkeypatch, capsys):
-    planar_data_set(150, 24).save(tmp_path / "data")
+def full(*_: object, **__: object) -> None:
+    raise OSError(28, "No space left on device", "features.npz")
 
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device", "features.npz")
 
+def test_a_full_disk_is_said_in_one_line(finished, tmp_path, monkeypatch, capsys):
+    shutil.copytree(finished, tmp_path / "run")
+    (tmp_path / "run" / "features.npz").unlink()
     monkeypatch.setattr("servoscope.study.run.write_arrays", full)
-    command = ["assess", str(tmp_path / "data"), "--out", str(tmp_path / "run"), *MOMENTS]
-    assert main(command) == 1
+    assert main([*STUDY, "--out", str(tmp_path / "run"), "--resume"]) == 1
     last = capsys.readouterr().err.splitlines()[-1]
     assert last.startswith("servoscope: features.npz: No space left on device; free some")
 
@@ -248,12 +259,8 @@ def test_a_full_disk_costs_nothing_of_a_run_that_is_replaced(
 ):
     run = tmp_path / "run"
     shutil.copytree(finished, run)
-
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device", "features.npz")
-
-    monkeypatch.setattr("servoscope.study.run.write_arrays", full)
-    assert main([*STUDY[:-2], "--protocol", "paper", "--out", str(run), "--force"]) == 1
+    monkeypatch.setattr("servoscope.dataset_folder.write_images", full)
+    assert main([*STUDY, "--out", str(run), "--force"]) == 1
     assert "No space left on device" in capsys.readouterr().err
     assert of_folder(run) == of_folder(finished)
 
@@ -266,10 +273,6 @@ def test_a_full_disk_costs_nothing_of_a_set_that_an_import_replaces(tmp_path, mo
         cv2.imwrite(str(tmp_path / "source" / name), np.eye(24, dtype=np.uint8))
     poses = "name,tx,ty,tz,qx,qy,qz,qw\na.png,0,0,0,0,0,0,1\nb.png,0,0,1,0,0,0,1\n"
     (tmp_path / "source" / "poses.csv").write_text(poses)
-
-    def full(*_: object, **__: object) -> None:
-        raise OSError(28, "No space left on device", "meta.json")
-
     command = ["import", "folder", str(tmp_path / "source"), str(tmp_path / "data"), "--force"]
     with monkeypatch.context() as patch:
         patch.setattr("servoscope.dataset_folder.write_json", full)
@@ -286,14 +289,15 @@ def test_a_killed_replacement_leaves_the_old_set_and_goes_on(tmp_path):
     data = tmp_path / "data"
     planar_data_set(12, 24).save(data)
     before = of_folder(data)
-    command = ["acquire", str(data), "--n-images", "300", "--image-size", "16", "--force"]
+    command = ["acquire", str(data), "--n-images", "600", "--image-size", "16", "--force"]
+    command += ["--part", "textured_plane", "--jobs", "1"]
     process = start(*command)
     wait_for(data / ".servoscope-new" / "images.zarr" / "c", process)
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate()
     assert of_folder(data) == before
     assert main(command) == 0
-    assert len(PoseImageSet.load(data)) == 300
+    assert len(PoseImageSet.load(data)) == 600
     assert not list(data.glob(".*"))
 
 
