@@ -61,7 +61,6 @@ def in_processes(
     n_processes = _n_processes(n_jobs)
     if n_processes == 1:
         return (function(*call) for call in calls)
-    options |= {"temp_folder": shared_folder()}
     with (
         _failures_told(),
         joblib.parallel_config(
@@ -72,8 +71,8 @@ def in_processes(
             initargs=(os.getpid(),),
         ),
     ):
-        parallel = joblib.Parallel(return_as="generator", **options)
-        _start_processes(n_processes, options)
+        options |= {"return_as": "generator", "temp_folder": _start_processes(n_processes, options)}
+        parallel = joblib.Parallel(**options)
         results = parallel(joblib.delayed(function)(*call) for call in calls)
     return _told(results)
 
@@ -136,13 +135,19 @@ def _can_be_started() -> bool:
     return True
 
 
-def _start_processes(n_processes: int, options: dict[str, Any]) -> None:
-    """Start the processes, if they do not run yet, in such a way that they ignore Ctrl-C."""
+def _start_processes(n_processes: int, options: dict[str, Any]) -> str:
+    """Start the processes, if they do not run yet; returns the folder in which they share arrays.
+
+    They ignore Ctrl-C.
+    """
     options = {**options, "pre_dispatch": "all", "batch_size": 1, "return_as": "generator"}
     try:
+        folder = shared_folder()
         with _interrupts_ignored():
-            started = joblib.Parallel(**options)([joblib.delayed(int)()] * n_processes)
+            parallel = joblib.Parallel(**options, temp_folder=folder)
+            started = parallel([joblib.delayed(int)()] * n_processes)
         list(started)
+        return folder
     except OSError as error:
         raise ProcessesError(
             f"Processes cannot be started ({error.strerror or error}); repeat with --jobs 1."

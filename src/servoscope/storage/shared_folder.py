@@ -24,6 +24,11 @@ def shared_folder() -> str:
 
     It goes when this process ends. If that is killed, the next one that asks for such a folder
     removes it, told by its lock that the owner is gone.
+
+    Raises
+    ------
+    OSError
+        If there is no place for it.
     """
     remove_abandoned()
     owner, stack = os.getpid(), ExitStack()
@@ -39,10 +44,11 @@ def shared_folder() -> str:
 
 def remove_abandoned() -> None:
     """Remove the shared folders and the semaphores of processes of this user that were killed."""
-    for place in _places():
-        for lock in place.glob("servoscope-*-*.lock"):
-            with suppress(OSError, ValueError):
-                _remove_if_abandoned(lock)
+    with suppress(OSError):
+        for place in _places():
+            for lock in place.glob("servoscope-*-*.lock"):
+                with suppress(OSError, ValueError):
+                    _remove_if_abandoned(lock)
 
 
 def _remove_if_abandoned(lock: Path) -> None:
