@@ -301,6 +301,32 @@ def test_a_killed_replacement_leaves_the_old_set_and_goes_on(tmp_path):
     assert not list(data.glob(".*"))
 
 
+@pytest.mark.slow
+def test_a_killed_process_is_one_line_and_the_command_goes_on(tmp_path):
+    data = tmp_path / "data"
+    command = ["acquire", str(data), "--n-images", "300", "--image-size", "256", "--jobs", "2"]
+    command += ["--part", "textured_plane"]
+    process = start(*command)
+    wait_for(data / "images.zarr" / "c", process)
+    listed = subprocess.run(
+        ["ps", "-ww", "-eo", "pid=,ppid=,args="], capture_output=True, text=True
+    )
+    rows = [line.split(maxsplit=2) for line in listed.stdout.splitlines()]
+    workers = [
+        int(pid)
+        for pid, parent, what in rows
+        if int(parent) == process.pid and "popen_loky" in what
+    ]
+    os.kill(workers[0], signal.SIGKILL)
+    err = process.communicate()[1]
+    assert process.returncode == 1
+    assert "Traceback" not in err
+    assert err.splitlines()[-1].startswith("servoscope: A process was killed, most likely")
+    assert json.loads((data / "acquisition.json").read_text())["n_done"] >= 25
+    assert main(command) == 0
+    assert len(PoseImageSet.load(data)) == 300
+
+
 @pytest.mark.parametrize(
     "command",
     [
