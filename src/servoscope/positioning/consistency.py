@@ -6,14 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
-from servoscope.poses import displacements_from_poses, inverse_transform
+from servoscope.poses import displacements_from_poses, inverse_transform, rigid_transform
 from servoscope.positioning.interfaces import Array, Estimate
 
 LEAST_DEVIATIONS = 3.0
 """Innovations of fewer standard deviations may be noise."""
 
-LEAST_DEVIATIONS_EXPLAINED = 2.0
+LEAST_DEVIATIONS_EXPLAINED = 1.6
 """The same where a fault explains them, or the view hardly followed the move."""
 
 _FOLLOWS = 0.25
@@ -22,7 +23,7 @@ _LEAST_STD = 1e-3
 """No deviation is taken for less than this share of the reach."""
 
 _FITS = 0.35
-LATE, _OPPOSITE, _MIRRORED, _OTHER = "late", "opposite", "mirrored", "other"
+LATE, _OPPOSITE, _MIRRORED, _SCALED, _OTHER = "late", "opposite", "mirrored", "scaled", "other"
 
 CAUSES = {
     LATE: "the view is still the one from before the move, so that the camera gives images late, "
@@ -31,8 +32,10 @@ CAUSES = {
     "or reports them so; check the sign of the move and of the pose",
     _MIRRORED: "the view moved as in a mirror, so that the camera's image is flipped or turned "
     "against training; check its flip and rotation settings",
+    _SCALED: "the view moved along the move, but by another length, so that the scale of the moves "
+    "is not that of the training poses; check the units",
     _OTHER: "the view moved otherwise than the robot, so that the frame or the scale of its moves "
-    "is not that of the training poses; check tool frame, units and axes",
+    "is not that of the training poses; check the tool frame, its axes and the units",
 }
 """What each contradiction means and what to check."""
 
@@ -114,7 +117,8 @@ def innovation(
     The estimate that is expected is ``before @ moved``; the innovation is the difference of the
     two displacements about the pivot, as in a Kalman filter. Each fault predicts another estimate:
     an image from before the move ``before``, a wrong sign ``before @ inv(moved)``, a mirrored or
-    turned image ``before`` with some dofs of the move inverted.
+    turned image ``before @ S moved inv(S)``. Another scale has a factor of its own to be fitted,
+    and has to explain more for that.
 
     Examples
     --------
@@ -141,27 +145,30 @@ def innovation(
     believed = np.nan_to_num(np.hypot(before.std, after.std), nan=0.0, posinf=0.0)
     std = np.maximum(np.hypot(believed, robot_std), _LEAST_STD * unit)
     deviations = float(np.sqrt(np.mean((difference / std) ** 2)))
+    squared = max(size(move) ** 2, 1e-24)
+    along = float(np.mean((seen - start) * move / unit**2)) / squared
+    really = inverse_transform(before.displacement) @ after.displacement
     explained = {
         cause: min(size(about_pivot(before.displacement @ other) - seen) for other in others)
-        for cause, others in _explanations(moved).items()
+        for cause, others in _explanations(moved, really, pivot).items()
     }
+    explained[_SCALED] += _FITS / 2 * size(move)
     cause = min(explained, key=lambda cause: explained[cause])
     fits = explained[cause] <= _FITS * size(move)
-    squared = max(size(move) ** 2, 1e-24)
     return Innovation(
         expected=expected,
         size=size(move),
         share=size(difference) / np.sqrt(squared),
         deviations=deviations,
-        along=float(np.mean((seen - start) * move / unit**2)) / squared,
+        along=along,
         cause=cause if fits else _OTHER,
         fits=fits,
         is_known=bool((believed > 0).any()),
     )
 
 
-def _explanations(moved: Array) -> dict[str, list[Array]]:
-    """What the camera may really have done, by cause."""
+def _explanations(moved: Array, really: Array, pivot: float) -> dict[str, list[Array]]:
+    """What the camera may have done instead of the move, by cause, given what it did really."""
     mirrors = [np.diag(signs) for signs in ((-1, 1, 1, 1), (1, -1, 1, 1), (-1, -1, 1, 1))]
     quarter = np.array([[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     mirrors += [quarter, quarter.T]
@@ -169,4 +176,15 @@ def _explanations(moved: Array) -> dict[str, list[Array]]:
         LATE: [np.eye(4)],
         _OPPOSITE: [inverse_transform(moved)],
         _MIRRORED: [mirror @ moved @ mirror.T for mirror in mirrors],
+        _SCALED: [_scaled(moved, really, pivot or 1.0)],
     }
+
+
+def _scaled(moved: Array, really: Array, length: float) -> Array:
+    """The move made longer or shorter, by what makes it most like what was done really."""
+    one, other = (
+        np.concatenate([T[:3, 3], length * Rotation.from_matrix(T[:3, :3]).as_rotvec()])
+        for T in (moved, really)
+    )
+    scaled = one * float(one @ other) / max(float(one @ one), 1e-24)
+    return rigid_transform(Rotation.from_rotvec(scaled[3:] / length).as_matrix(), scaled[:3])
