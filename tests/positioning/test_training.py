@@ -10,10 +10,10 @@ from planar import planar_images
 from planar_cell import SIZE, T_WORLD_REF
 from planar_model import RANGES, RINGS, camera_data, camera_model
 from servoscope.dataset import PoseImageSet
-from servoscope.errors import DataSetError
-from servoscope.poses import poses_from_displacements
+from servoscope.errors import DataSetError, ServoscopeWarning
+from servoscope.poses import DOFS, poses_from_displacements
 from servoscope.positioning.model_folder import ARRAYS, MODEL
-from servoscope.positioning.training import N_STAGES, train
+from servoscope.positioning.training import N_STAGES, check_observable, train
 
 
 def subset(data: PoseImageSet, chosen) -> PoseImageSet:
@@ -83,3 +83,20 @@ def test_the_fewest_images_that_are_asked_for_are_enough() -> None:
     far = np.flatnonzero(np.abs(data.delta_p() / RANGES).max(axis=1) > 0.7)
     model = train(subset(data, far[:least]), n_jobs=1)
     assert np.isfinite(model.estimate(data.images[far[least]]).displacement).all()
+
+
+@pytest.mark.slow
+def test_images_a_row_behind_their_poses_are_refused_before_a_robot_is_moved() -> None:
+    data = camera_data(((200, 1.0), (120, 0.2)))
+    late = replace(data, images=np.roll(data.images, 1, axis=0))
+    with pytest.raises(DataSetError, match="no robot may be moved by that"):
+        train(late, n_jobs=1)
+
+
+def test_dofs_that_are_predicted_no_better_than_by_their_mean_are_named() -> None:
+    shares = dict(zip(DOFS, [0.1, 0.79, 0.85, 0.2, np.nan, 0.3], strict=True))
+    with pytest.warns(ServoscopeWarning, match=r"in tz 0.85, ry nan"):
+        check_observable(shares)
+    check_observable(dict.fromkeys(DOFS, 0.5))
+    with pytest.raises(DataSetError, match="no robot may be moved"):
+        check_observable({**dict.fromkeys(DOFS, 1.0), "rz": 0.1})
