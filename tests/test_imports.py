@@ -18,6 +18,7 @@ ROOMS = (
     ("storage",),
     ("files", "processes", "progress", "compiled", "wording", "arrays"),
     ("poses",),
+    ("storage",),
     ("dataset_progress",),
     ("dataset_folder",),
     ("dataset",),

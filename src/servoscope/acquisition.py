@@ -116,7 +116,7 @@ def _take_all(
         folder,
         reference_image=reference_image,
         T_world_ref=T_world_ref,
-        T_world_cam=read_poses(folder),
+        T_world_cam=read_poses(folder, config.total()),
         names=[f"{i:06d}" for i in range(config.total())],
         times=None,
         meta={
@@ -141,6 +141,11 @@ def _begin(folder: Path, config: AcquisitionConfig, force: bool) -> Progress | N
         dataset_folder.remove(folder)
         progress = None
     if progress is not None and progress.plan == plan:
+        if progress.n_done > config.total():
+            raise DataSetError(
+                f"{folder} tells of {progress.n_done} images where {config.total()} are wanted; "
+                "begin again with --force."
+            )
         return progress
     if force:
         dataset_folder.remove(folder)

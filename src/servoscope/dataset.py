@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from servoscope import dataset_folder
 from servoscope.errors import DataSetError
 from servoscope.poses import (
+    FARTHEST,
     check_displacement,
     displacement_ranges,
     displacements_from_poses,
@@ -201,6 +202,10 @@ def _check(data: PoseImageSet) -> None:
     if data.reference_image.dtype != np.uint8:
         raise DataSetError(f"reference_image must be uint8, got {data.reference_image.dtype}.")
     for name in ("T_world_cam", "T_world_ref"):
+        if np.abs(getattr(data, name)).max() > FARTHEST:
+            raise DataSetError(
+                f"{name} must lie within {FARTHEST:g} m; check that its translations are in metres."
+            )
         if not is_rigid(getattr(data, name)):
             raise DataSetError(
                 f"{name} must hold rigid transforms, but one of them is none: its rotation is not "
@@ -211,8 +216,10 @@ def _check(data: PoseImageSet) -> None:
             f"names must be {n_images} different names, one an image, got {len(data.names)} "
             f"with {len(set(data.names))} different ones."
         )
-    if not np.isfinite(data.pivot):
+    if not abs(data.pivot) <= FARTHEST:
         raise DataSetError(f"pivot must be a finite distance in metres, got {data.pivot}.")
+    if data.pivot_ranges is not None and not (data.pivot_ranges >= 0).all():
+        raise DataSetError(f"pivot_ranges must not be below 0, got {data.pivot_ranges.tolist()}.")
     if not isinstance(data.source, dict):
         raise DataSetError(f"source must be a dict, got a {type(data.source).__name__}.")
     if data.split not in SPLITS:

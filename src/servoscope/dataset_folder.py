@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import shutil
+from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.dataset_progress import (
-    IMAGES_PER_CHUNK,
     Folder,
     Progress,
     forget_progress,
@@ -27,10 +27,12 @@ from servoscope.dataset_progress import (
     write_progress,
 )
 from servoscope.errors import DataSetError, FolderExistsError, InvalidInputError
-from servoscope.files import read_json, remove_parts, write_atomically, write_json, write_text
+from servoscope.files import remove_parts, write_atomically, write_json, write_text
 from servoscope.poses import poses_from_quaternions, quaternions_xyzw
 from servoscope.storage.ownership import owned
+from servoscope.storage.reading import read_grey_png, read_json, read_lines
 from servoscope.storage.replacing import complete_replacement, replacing
+from servoscope.storage.stacks import create_stack, read_stack, read_stack_shape, write_stack
 
 VERSION = 1
 POSE_COLUMNS = ("name", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
@@ -122,32 +124,17 @@ def create(
     FolderExistsError
         If the folder holds a data set already.
     """
-    import zarr
-    from zarr.codecs import BloscCodec, Crc32cCodec
-
     path = Path(folder)
     check_free(path)
     remove(path)
     path.mkdir(parents=True, exist_ok=True)
     write_progress(path, Progress(plan or {}, 0))
-    zarr.create_array(
-        path / "images.zarr",
-        shape=(n_images, *image_shape),
-        chunks=(min(IMAGES_PER_CHUNK, n_images), *image_shape),
-        dtype="uint8",
-        # Blosc does not notice that its input is too short; the check sum does.
-        compressors=(BloscCodec(cname="lz4", clevel=3, shuffle="noshuffle"), Crc32cCodec()),
-    )
+    create_stack(path / "images.zarr", (n_images, *image_shape), "uint8")
 
 
 def write_images(folder: Folder, start: int, images: NDArray[np.uint8]) -> None:
     """Write images at positions ``start, start + 1, ...`` of the stack."""
-    import zarr
-
-    # Black images are written too, so that a chunk that is not there is known to be lost.
-    with zarr.config.set({"array.write_empty_chunks": True}):
-        stack = zarr.open_array(Path(folder) / "images.zarr", mode="r+")
-        stack[start : start + len(images)] = images
+    write_stack(Path(folder) / "images.zarr", start, images)
 
 
 def finish(
@@ -198,6 +185,8 @@ def read_meta(folder: Folder) -> dict[str, Any]:
     missing = {"reference", "pivot", "pivot_ranges", "split", "source"} - meta.keys()
     if missing:
         raise DataSetError(f"{path / 'meta.json'} lacks {', '.join(sorted(missing))}.")
+    if not isinstance(meta["source"], dict):
+        raise DataSetError(f"{path / 'meta.json'} must have an object as source.")
     return meta
 
 
@@ -211,22 +200,16 @@ def read(folder: Folder) -> dict[str, Any]:
     """
     path = Path(folder)
     meta = read_meta(path)
-    images = _read_images(path / "images.zarr")
-    names, numbers, times = _read_poses(path / "poses.csv")
-    if len(names) != len(images):
-        raise DataSetError(
-            f"{path / 'poses.csv'} has {len(names)} poses for {len(images)} images; make the "
-            "data set again."
-        )
+    shape = read_stack_shape(path / "images.zarr", 3, "uint8")
+    names, numbers, times = _read_poses(path / "poses.csv", shape[0])
+    reference_image = read_grey_png(path / "reference.png", (shape[1], shape[2]), DataSetError)
+    images = read_stack(path / "images.zarr", shape, "uint8")
     try:
         T_world_cam = poses_from_quaternions(numbers[:, :3], numbers[:, 3:])
         reference = np.array([[float(meta["reference"][key]) for key in POSE_COLUMNS[1:]]])
         T_world_ref = poses_from_quaternions(reference[:, :3], reference[:, 3:])[0]
     except (InvalidInputError, KeyError, TypeError, ValueError) as error:
         raise DataSetError(f"{path}: {error}") from error
-    reference_image = cv2.imread(str(path / "reference.png"), cv2.IMREAD_GRAYSCALE)
-    if reference_image is None:
-        raise DataSetError(f"{path / 'reference.png'} is missing or is not an image.")
     return {
         "images": images,
         "T_world_cam": T_world_cam,
@@ -240,40 +223,43 @@ def read(folder: Folder) -> dict[str, Any]:
 
 def _is_abandoned(path: Path) -> bool:
     """Whether the folder holds what an interrupted `PoseImageSet.save` left."""
-    progress = read_progress(path)
+    try:
+        progress = read_progress(path)
+    except DataSetError:
+        return False
     return progress is not None and not progress.plan
 
 
-def _read_images(path: Path) -> NDArray[np.uint8]:
-    import zarr
-
+def _read_poses(
+    path: Path, n_images: int
+) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64] | None]:
+    names, numbers, times, n_poses = [], array("d"), array("d"), 0
     try:
-        stack = zarr.open_array(path, mode="r", zarr_format=3)
-        if stack.dtype != np.uint8 or stack.ndim != 3:
-            raise DataSetError(f"it holds {stack.dtype} of shape {stack.shape}")
-        lost = stack.nchunks - stack.nchunks_initialized
-        if lost:
-            raise DataSetError(f"{lost} of {stack.nchunks} chunks are missing")
-        return np.asarray(stack[:])
-    except Exception as error:  # zarr and its codecs raise of every kind on damaged files
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise DataSetError(f"{path} cannot be read ({reason}); make the data set again.") from error
-
-
-def _read_poses(path: Path) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64] | None]:
-    try:
-        with open(path, newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-        names = [row["name"] for row in rows]
-        numbers = np.array([[float(row[key]) for key in POSE_COLUMNS[1:]] for row in rows])
-        timed = bool(rows) and "time" in rows[0]
-        times = np.array([float(row["time"]) for row in rows]) if timed else None
-    except FileNotFoundError as error:
-        raise DataSetError(f"{path} is missing; make the data set again.") from error
-    except (KeyError, TypeError, ValueError) as error:
-        wanted = ",".join(POSE_COLUMNS)
-        raise DataSetError(f"{path} must have the columns {wanted} ({error}).") from error
-    return names, numbers.reshape(-1, 7), times
+        rows = csv.reader(read_lines(path, DataSetError, newline=""))
+        header = next(rows, [])
+        wanted = [header.index(column) for column in POSE_COLUMNS]
+        time = header.index("time") if "time" in header else None
+        for n_poses, row in enumerate(rows, start=1):
+            if n_poses > n_images:
+                continue
+            if len(row) != len(header):
+                raise ValueError(f"line {rows.line_num} has {len(row)} cells")
+            names.append(row[wanted[0]])
+            numbers.extend(float(row[i]) for i in wanted[1:])
+            if time is not None:
+                times.append(float(row[time]))
+    except (csv.Error, ValueError) as error:
+        if isinstance(error, DataSetError):
+            raise
+        raise DataSetError(
+            f"{path} must have the columns {','.join(POSE_COLUMNS)} ({error}); make the data set "
+            "again."
+        ) from error
+    if n_poses != n_images:
+        raise DataSetError(
+            f"{path} has {n_poses} poses for {n_images} images; make the data set again."
+        )
+    return names, np.array(numbers).reshape(-1, 7), None if time is None else np.array(times)
 
 
 def _pose_numbers(T: NDArray[np.float64]) -> list[list[float]]:

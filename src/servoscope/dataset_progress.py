@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from os import PathLike
 from pathlib import Path
@@ -11,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import DataSetError
-from servoscope.files import read_json, write_json
+from servoscope.files import write_json
+from servoscope.storage.reading import read_json
+from servoscope.storage.stacks import PER_CHUNK, create_stack, read_stack, write_stack
 
 Folder = str | PathLike[str]
 
-IMAGES_PER_CHUNK = 25
+IMAGES_PER_CHUNK = PER_CHUNK
 
 
 class Progress(NamedTuple):
@@ -38,30 +41,17 @@ class Progress(NamedTuple):
 
 def create_poses(folder: Folder, n_images: int) -> None:
     """Make room for the poses of images that are still to be taken."""
-    import zarr
-
-    zarr.create_array(
-        Path(folder) / "poses.zarr",
-        shape=(n_images, 4, 4),
-        chunks=(min(IMAGES_PER_CHUNK, n_images), 4, 4),
-        dtype="float64",
-    )
+    create_stack(Path(folder) / "poses.zarr", (n_images, 4, 4), "float64")
 
 
 def write_poses(folder: Folder, start: int, T_world_cam: NDArray[np.float64]) -> None:
     """Keep the poses of the images ``start, start + 1, ...`` until the data set is finished."""
-    import zarr
-
-    zarr.open_array(Path(folder) / "poses.zarr", mode="r+")[start : start + len(T_world_cam)] = (
-        T_world_cam
-    )
+    write_stack(Path(folder) / "poses.zarr", start, T_world_cam)
 
 
-def read_poses(folder: Folder) -> NDArray[np.float64]:
+def read_poses(folder: Folder, n_images: int) -> NDArray[np.float64]:
     """The poses kept by `write_poses`, shape (n_images, 4, 4), [m]."""
-    import zarr
-
-    return np.asarray(zarr.open_array(Path(folder) / "poses.zarr", mode="r")[:])
+    return read_stack(Path(folder) / "poses.zarr", (n_images, 4, 4), "float64")
 
 
 def write_progress(folder: Folder, progress: Progress) -> None:
@@ -70,12 +60,24 @@ def write_progress(folder: Folder, progress: Progress) -> None:
 
 
 def read_progress(folder: Folder) -> Progress | None:
-    """How far an unfinished data set has come, or None."""
+    """How far an unfinished data set has come, or None.
+
+    Raises
+    ------
+    DataSetError
+        If what tells it is damaged.
+    """
     path = Path(folder) / "acquisition.json"
-    if not path.exists():
+    if not os.path.lexists(path):
         return None
-    progress = read_json(path, DataSetError)
-    return Progress(progress["plan"], int(progress["n_done"]), int(progress.get("n_replaced", 0)))
+    values = read_json(path, DataSetError)
+    plan, counts = values.get("plan"), [values.get("n_done"), values.get("n_replaced", 0)]
+    if not isinstance(plan, dict) or any(type(n) is not int or n < 0 for n in counts):
+        raise DataSetError(
+            f"{path} must hold a plan and the numbers n_done and n_replaced; begin again with "
+            "--force, or in another folder."
+        )
+    return Progress(plan, *counts)
 
 
 def forget_progress(folder: Folder) -> None:

@@ -10,8 +10,6 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from servoscope.errors import ServoscopeError
-
 
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     """Call ``write(file)`` on a temporary file beside `path`, then rename it to `path`.
@@ -38,17 +36,6 @@ def remove_parts(folder: Path) -> None:
 def write_text(path: Path, text: str) -> None:
     """Write UTF-8 text, whole or not at all."""
     write_atomically(path, lambda file: file.write(text.encode()))
-
-
-def read_json(path: Path, error: type[ServoscopeError]) -> dict[str, Any]:
-    """The JSON object in a file; raises `error`, naming the file, if there is none."""
-    try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as reason:
-        raise error(f"{path} cannot be read as JSON ({reason}).") from reason
-    if not isinstance(value, dict):
-        raise error(f"{path} must hold a JSON object, got a {type(value).__name__}.")
-    return value
 
 
 def write_json(path: Path, value: Any) -> None:

@@ -25,6 +25,9 @@ DISPLAY_UNITS = ("mm", "mm", "mm", "deg", "deg", "deg")
 DISPLAY_FACTORS = np.array([1e3, 1e3, 1e3, *(np.degrees(1.0),) * 3])
 """What turns metres and radians into `DISPLAY_UNITS`."""
 
+FARTHEST = 1e8
+"""Largest coordinate of a pose, [m]: beyond any on the earth."""
+
 Array = NDArray[np.float64]
 
 
@@ -100,7 +103,8 @@ def poses_from_quaternions(translation: ArrayLike, quaternion_xyzw: ArrayLike) -
     Raises
     ------
     InvalidInputError
-        If a number is NaN or infinite, or a quaternion has zero length.
+        If a number is NaN or infinite, a translation goes beyond `FARTHEST`, or a quaternion has
+        zero length or one above 1e6.
 
     Examples
     --------
@@ -116,11 +120,18 @@ def poses_from_quaternions(translation: ArrayLike, quaternion_xyzw: ArrayLike) -
                 f"Every {what} must be finite, but number {bad[0]} is {values[bad[0]].tolist()} "
                 f"({bad.size} in all); remove or mend those poses."
             )
-    length = np.linalg.norm(quaternion_xyzw, axis=1)
-    bad = np.flatnonzero(length < 1e-6)
+    bad = np.flatnonzero(np.abs(translation).max(axis=1, initial=0.0) > FARTHEST)
     if bad.size:
         raise InvalidInputError(
-            f"A quaternion must not have zero length, but number {bad[0]} is "
+            f"A translation must be within {FARTHEST:g} m, but number {bad[0]} is "
+            f"{translation[bad[0]].tolist()} m ({bad.size} in all); check the units."
+        )
+    largest = np.abs(quaternion_xyzw).max(axis=1, initial=0.0)
+    bad = np.flatnonzero((largest < 1e-6) | (largest > 1e6))
+    if bad.size:
+        what = "zero length" if largest[bad[0]] < 1e-6 else "a length above 1e6"
+        raise InvalidInputError(
+            f"A quaternion must not have {what}, but number {bad[0]} is "
             f"{quaternion_xyzw[bad[0]].tolist()} ({bad.size} in all); remove those poses."
         )
     return rigid_transform(Rotation.from_quat(quaternion_xyzw).as_matrix(), translation)

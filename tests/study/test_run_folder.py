@@ -194,5 +194,5 @@ def test_what_a_killed_write_left_does_not_stand_in_the_way(tmp_path):
 
 def test_damaged_arrays_are_named(tmp_path):
     (tmp_path / "features.npz").write_bytes(b"PK\x03\x04 and no more")
-    with pytest.raises(RunFolderError, match=r"features\.npz is damaged .*--force"):
+    with pytest.raises(RunFolderError, match=r"features\.npz is damaged.*--force"):
         read_arrays(tmp_path / "features.npz", ["names"])

@@ -7,7 +7,6 @@ that reading takes no more memory than the file has bytes.
 from __future__ import annotations
 
 import hashlib
-import io
 import math
 import re
 import zipfile
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 
 from servoscope.errors import InvalidInputError
 from servoscope.files import write_atomically
+from servoscope.storage.archives import open_archive, read_member
 
 LARGEST = 2 * 2**30
 """Most bytes that the arrays of a model may have together."""
@@ -112,7 +112,7 @@ def read_arrays(path: Path, entries: Mapping[str, Entry]) -> Arrays:
         raise ValueError(
             f"it has {path.stat().st_size} bytes, where {content} of arrays are expected"
         )
-    with zipfile.ZipFile(path) as archive:
+    with open_archive(path) as archive:
         members = {member.filename: member for member in archive.infolist()}
         _check_names(entries, [member.filename for member in archive.infolist()])
         return {
@@ -153,30 +153,18 @@ def _check_names(entries: Mapping[str, Entry], members: list[str]) -> None:
 def _read_array(
     archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str, entry: Entry
 ) -> NDArray[Any]:
-    if member.compress_type != zipfile.ZIP_STORED or member.file_size != member.compress_size:
-        raise ValueError(f"{brief(name)} is compressed, which arrays of a model never are")
     if not 0 < member.file_size - entry.n_bytes <= _OVERHEAD_PER_ARRAY:
         raise ValueError(f"{brief(name)} has {member.file_size} bytes, not {entry.n_bytes}")
-    data = archive.read(member)
-    start = _check_head(io.BytesIO(data[:_OVERHEAD_PER_ARRAY]), name, entry)
-    if hashlib.sha256(memoryview(data)[start:]).hexdigest() != entry.sha256:
+    array = read_member(archive, member.filename)
+    if (array.shape, array.dtype) != (entry.shape, np.dtype(entry.dtype)):
+        raise ValueError(
+            f"{brief(name)} is {array.dtype} of shape {brief(array.shape)}, not {entry.dtype} of "
+            f"shape {brief(entry.shape)}"
+        )
+    if _digest(array) != entry.sha256:
         raise ValueError(f"the bytes of {brief(name)} have changed since they were written")
-    array = np.frombuffer(data, entry.dtype, offset=start).reshape(entry.shape).copy()
     _check_finite(name, array)
     return array
-
-
-def _check_head(file: io.BytesIO, name: str, entry: Entry) -> int:
-    """Where the numbers begin after the head of a ``.npy``, which must say what the table says."""
-    if np.lib.format.read_magic(file) != (1, 0):
-        raise ValueError(f"{brief(name)} is of another version of .npy")
-    shape, fortran_order, dtype = np.lib.format.read_array_header_1_0(file)
-    if (shape, dtype) != (entry.shape, np.dtype(entry.dtype)) or fortran_order:
-        raise ValueError(
-            f"{brief(name)} is {dtype} of shape {brief(shape)}, not {entry.dtype} of shape "
-            f"{brief(entry.shape)}"
-        )
-    return file.tell()
 
 
 def _check_finite(name: str, array: NDArray[Any]) -> None:

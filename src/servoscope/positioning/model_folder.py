@@ -31,6 +31,7 @@ from servoscope.positioning.model_arrays import (
     read_table,
     write_arrays,
 )
+from servoscope.storage.reading import read_json
 
 VERSION = 1
 FORMAT = "servoscope model"
@@ -224,19 +225,14 @@ def _aside(path: Path) -> Path:
 def _is_ours(path: Path) -> bool:
     try:
         return _read_json(path).get("format") == FORMAT
-    except (OSError, ValueError, RecursionError):
+    except (OSError, ValueError):
         return False
 
 
 def _read_json(path: Path) -> dict[str, Any]:
-    """A JSON object; raises OSError, ValueError or RecursionError if there is none."""
+    """A JSON object; raises OSError or ValueError if there is none."""
     _check_regular(path)
-    if path.stat().st_size > LARGEST_JSON:
-        raise ValueError(f"it has more than {LARGEST_JSON} bytes")
-    values = json.loads(path.read_text(encoding="utf-8"))
-    if not isinstance(values, dict):
-        raise ValueError(f"it must hold a JSON object, got a {type(values).__name__}")
-    return values
+    return read_json(path, ValueError, LARGEST_JSON)
 
 
 def _check_regular(path: Path) -> None:

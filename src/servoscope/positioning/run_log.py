@@ -19,12 +19,13 @@ import numpy as np
 
 from servoscope import __version__
 from servoscope.errors import FolderExistsError, InvalidInputError, RunFolderError
-from servoscope.files import read_json, write_atomically, write_json
+from servoscope.files import write_atomically, write_json
 from servoscope.poses import pose_error
 from servoscope.positioning.guard import is_finite_rigid
 from servoscope.positioning.interfaces import Array, Estimate, Estimator, Image
 from servoscope.positioning.look_and_move import Positioner
 from servoscope.positioning.result import PositioningResult, Step, plain
+from servoscope.storage.reading import open_image, parse_json, read_bytes, read_json, words
 
 VERSION = 1
 
@@ -165,14 +166,11 @@ def read_steps(folder: Folder) -> Iterator[tuple[Step, Image]]:
             f"{VERSION}."
         )
     steps = path / "steps.jsonl"
-    try:
-        lines = steps.read_bytes().split(b"\n")[:-1] if steps.exists() else []
-    except OSError as error:
-        raise RunFolderError(f"{steps} cannot be read ({error}).") from error
+    lines = read_bytes(steps, RunFolderError).split(b"\n")[:-1] if steps.exists() else []
     for number, line in enumerate(lines):
         try:
-            yield _read_step(json.loads(line)), _read_image(path / f"images/{number:03d}.png")
-        except (ValueError, TypeError, KeyError, RecursionError) as error:
+            yield _read_step(parse_json(line)), _read_image(path / f"images/{number:03d}.png")
+        except (ValueError, TypeError, KeyError) as error:
             raise RunFolderError(
                 f"Line {number + 1} of {steps} is damaged ({' '.join(str(error).split())}); "
                 "the lines before it are whole, so shorten the file to them."
@@ -215,8 +213,8 @@ def _write_image(path: Path, image: Image) -> None:
 
 
 def _read_image(path: Path) -> Image:
-    data = np.frombuffer(path.read_bytes(), np.uint8) if path.is_file() else np.empty(0, np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
-    if image is None:
-        raise ValueError(f"{path.name} is no image")
-    return np.asarray(image, dtype=np.uint8)
+    try:
+        with open_image(path, ValueError) as image:
+            return np.array(image.convert("L"))
+    except Exception as error:  # Pillow raises of every kind on damaged files
+        raise ValueError(f"{path.name} is no image ({words(error)})") from error

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from servoscope.dataset import PoseImageSet
+from servoscope.errors import RunFolderError
 from servoscope.files import write_arrays
+from servoscope.storage.archives import read_arrays
 
 
 @dataclass(frozen=True)
@@ -67,8 +69,7 @@ def _load_networks(path: Path) -> Any:
     from servoscope.positioning.iterated_networks import IteratedNetworks
     from servoscope.positioning.pose_networks import PoseNetworks
 
-    with np.load(path / "arrays.npz", allow_pickle=False) as file:
-        arrays = dict(file)
+    arrays = read_arrays(path / "arrays.npz", None, RunFolderError)
     reference_image, pivot = arrays.pop("reference_image"), float(arrays.pop("pivot"))
     rings: dict[int, dict[str, Any]] = {}
     for name, array in arrays.items():

@@ -13,7 +13,7 @@ from typing import Any
 
 from servoscope import __version__
 from servoscope.errors import RunFolderError
-from servoscope.files import read_json, write_json
+from servoscope.files import write_json
 from servoscope.positioning import Estimator
 from servoscope.processes import in_processes
 from servoscope.progress import ProgressBar, no_progress
@@ -26,6 +26,7 @@ from servoscope.scoreboard.summary import summarise
 from servoscope.scoreboard.targets import check_targets
 from servoscope.scoreboard.trial import Trial, run_start
 from servoscope.scoreboard.workshop import Workshop
+from servoscope.storage.reading import read_json
 
 TRIALS_PER_CALL = 5
 """Starts that a process is given at once: the estimator is sent along with them."""

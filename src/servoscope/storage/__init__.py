@@ -1,1 +1,1 @@
-"""What is written to folders: by one process at a time, whole or not at all."""
+"""Files and folders: read with care, written by one process at a time, whole or not at all."""

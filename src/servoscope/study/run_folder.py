@@ -5,17 +5,16 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-import zipfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from servoscope import __version__, files
 from servoscope.errors import FolderExistsError, RunFolderError
+from servoscope.storage import archives, reading
 from servoscope.storage.ownership import LOCK, owned
 from servoscope.storage.replacing import NEW, complete_replacement, replacing
 
@@ -77,7 +76,7 @@ class RunFolder:
     def timings(self) -> dict[str, float]:
         """How long each finished stage took, in the order of their names, and ``total``, [s]."""
         records = sorted((self.path / "stages").glob("*.json"))
-        seconds = {record.stem: float(read_json(record)["seconds"]) for record in records}
+        seconds = {record.stem: _seconds(record) for record in records}
         return {**seconds, "total": round(sum(seconds.values()), 3)}
 
     def _fingerprint(self, name: str) -> str | None:
@@ -173,7 +172,16 @@ def read_settings(path: Path) -> dict[str, Any]:
             f"{path} is a run of version {config.get('version')!r}, this servoscope reads version "
             f"{VERSION}; make it again with --force."
         )
-    return config.get("settings", {})
+    if not isinstance(config.get("settings"), dict):
+        raise RunFolderError(f"{path / 'config.json'} holds no settings; make the run again.")
+    return config["settings"]
+
+
+def _seconds(record: Path) -> float:
+    seconds = read_json(record).get("seconds")
+    if not isinstance(seconds, int | float):
+        raise RunFolderError(f"{record} tells no seconds; make the run again with --force.")
+    return float(seconds)
 
 
 def _holds_anything(path: Path) -> bool:
@@ -226,12 +234,10 @@ def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
         If the file is missing or damaged, or has no array of that name.
     """
     try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
-            return {name: arrays[name] for name in names}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        reason = " ".join(str(error).strip("'\"").split())
+        return archives.read_arrays(path, names, ValueError)
+    except ValueError as error:
         raise RunFolderError(
-            f"{path} is damaged ({reason}); make the run again with --force."
+            f"{path.name} is damaged: {error} Make the run again with --force."
         ) from error
 
 
@@ -243,4 +249,4 @@ def read_json(path: Path) -> dict[str, Any]:
     RunFolderError
         If the file is missing or damaged.
     """
-    return files.read_json(path, RunFolderError)
+    return reading.read_json(path, RunFolderError)

@@ -1,0 +1,124 @@
+import json
+import os
+import shutil
+import struct
+
+import numpy as np
+import pytest
+
+from servoscope.errors import DataSetError
+from servoscope.storage.stacks import create_stack, read_stack, write_stack
+
+SHAPE = (30, 8, 9)
+
+
+@pytest.fixture(scope="module")
+def images():
+    return np.random.default_rng(0).integers(0, 256, SHAPE, dtype=np.uint8)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory, images):
+    path = tmp_path_factory.mktemp("stack") / "images.zarr"
+    create_stack(path, SHAPE, "uint8")
+    write_stack(path, 0, images)
+    return path
+
+
+@pytest.fixture
+def stack(written, tmp_path):
+    return shutil.copytree(written, tmp_path / "images.zarr")
+
+
+def refused(path, match, shape=SHAPE):
+    with pytest.raises(DataSetError, match=match) as caught:
+        read_stack(path, shape, "uint8")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_stack_comes_back_as_it_was_written(written, images):
+    np.testing.assert_array_equal(read_stack(written, SHAPE, "uint8"), images)
+
+
+def test_zarr_reads_the_same(written, images):
+    import zarr
+
+    np.testing.assert_array_equal(zarr.open_array(written, mode="r")[:], images)
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"shape": [10**12, 8, 9]}, "takes more than"),
+        ({"shape": [30, 8]}, r"shape \[30, 8\]"),
+        ({"shape": [30, 8, -9]}, "shape"),
+        ({"shape": [30, 8, True]}, "shape"),
+        ({"shape": [31, 8, 9]}, r"shape \(31, 8, 9\), not \(30, 8, 9\)"),
+        ({"data_type": "float64"}, "it holds 'float64'"),
+        ({"data_type": {"name": "uint8"}}, "it holds"),
+        ({"node_type": "group"}, "node_type is 'group'"),
+        ({"zarr_format": 2}, "zarr_format is 2"),
+        ({"fill_value": 7}, "fill_value"),
+        ({"chunk_key_encoding": {"name": "v2"}}, "chunk_key_encoding"),
+        ({"storage_transformers": [{"name": "x"}]}, "storage_transformers"),
+        ({"chunk_grid": {"name": "rectangular"}}, "where regular was wanted"),
+        ({"chunk_grid": None}, "where regular was wanted"),
+        ({"codecs": []}, "codecs"),
+        ({"codecs": [{"name": "bytes"}, {"name": "zstd"}, {"name": "crc32c"}]}, "where blosc was"),
+        ({"codecs": [{"name": "bytes"}, {"name": "gzip"}]}, "its codecs are not"),
+        ({"codecs": [{"name": "sharding_indexed"}, {"name": "blosc"}, {"name": "x"}]}, "bytes was"),
+        ({"codecs": [{"name": "bytes"}, {"name": "blosc"}, {"name": "crc32c"}]}, "by lz4"),
+    ],
+)
+def test_what_is_described_in_another_way_is_refused(stack, changes, match):
+    description = json.loads((stack / "zarr.json").read_text()) | changes
+    (stack / "zarr.json").write_text(json.dumps(description))
+    refused(stack, match)
+
+
+@pytest.mark.parametrize(
+    "chunk", [[1, 1, 1], [25, 8, 8], [26, 8, 9], [0, 8, 9], [25, 8], "x", None]
+)
+def test_other_chunks_are_refused_and_never_listed(stack, chunk):
+    description = json.loads((stack / "zarr.json").read_text())
+    description["chunk_grid"]["configuration"]["chunk_shape"] = chunk
+    (stack / "zarr.json").write_text(json.dumps(description))
+    refused(stack, "its chunks are")
+
+
+def test_a_chunk_that_would_unpack_to_more_than_its_share_is_not_unpacked(stack):
+    chunk = stack / "c/1/0/0"
+    content = bytearray(chunk.read_bytes())
+    content[4:8] = struct.pack("<I", 2**31 - 1)
+    chunk.write_bytes(content)
+    refused(stack, "c/1/0/0 declares 2147483647 bytes unpacked, not 1800")
+
+
+def test_a_chunk_of_flipped_bits_is_refused(stack):
+    chunk = stack / "c/1/0/0"
+    content = bytearray(chunk.read_bytes())
+    content[40] ^= 1
+    chunk.write_bytes(content)
+    refused(stack, "cannot be read")
+
+
+@pytest.mark.parametrize("part", ["zarr.json", "c/0/0/0"])
+def test_pipes_and_folders_in_place_of_files_are_refused(stack, part):
+    (stack / part).unlink()
+    os.mkfifo(stack / part)
+    refused(stack, "is a pipe")
+    (stack / part).unlink()
+    (stack / part).mkdir()
+    refused(stack, "is a folder")
+
+
+def test_a_large_file_in_place_of_a_chunk_is_refused(stack):
+    os.truncate(stack / "c/0/0/0", 2**40)
+    refused(stack, r"more than \d+ bytes")
+
+
+def test_nothing_is_written_into_a_stack_of_another_kind(stack, images):
+    description = json.loads((stack / "zarr.json").read_text()) | {"shape": [2**36, 8, 9]}
+    (stack / "zarr.json").write_text(json.dumps(description))
+    with pytest.raises(DataSetError, match="takes more than"):
+        write_stack(stack, 0, images)
