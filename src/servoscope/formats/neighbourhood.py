@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
+from servoscope.compiled import compiled
 from servoscope.errors import DataSetError
 from servoscope.formats.frames import Frames
 from servoscope.formats.options import MOST_NEIGHBOURS, ImportOptions
 from servoscope.poses import pose_error
 
-_FRAMES_PER_BLOCK = 256
+_SAMPLES = (1000, 4000, 16_000)
+_MOST_PAIRS = 10**8
 
 
 def choose_reference(frames: Frames, options: ImportOptions) -> int:
@@ -76,6 +80,12 @@ def most_neighbours(
     A limit that is None is, for this choice only, the median of what it limits over all pairs:
     the pose in the thick of the others is found without knowing their extent.
 
+    Notes
+    -----
+    Counting all pairs would take time that grows with the square of the poses. The counts of all
+    are estimated from a sample of the others, those that lie more than five standard deviations
+    below the best are given up, and the rest are counted among larger samples, at last among all.
+
     Examples
     --------
     >>> poses = np.stack([np.eye(4)] * 4)
@@ -88,13 +98,42 @@ def most_neighbours(
         distances, cosines = _distances_and_cosines(sample, sample)
     far = np.median(distances) if max_mm is None else max_mm / 1e3
     least_cosine = np.median(cosines) if max_deg is None else np.cos(np.radians(min(max_deg, 180)))
-    counts = np.empty(len(T_world_cam), dtype=np.intp)
-    for start in range(0, len(counts), _FRAMES_PER_BLOCK):
-        block = slice(start, start + _FRAMES_PER_BLOCK)
-        distances, cosines = _distances_and_cosines(T_world_cam[block], T_world_cam)
-        near = (distances <= far + 1e-12) & (cosines >= least_cosine - 1e-12)
-        counts[block] = near.sum(axis=1)
-    return int(counts.argmax())
+    candidates, n_poses = np.arange(len(T_world_cam)), len(T_world_cam)
+    others = T_world_cam[np.random.default_rng(0).permutation(n_poses)]
+    sizes = [size for size in _SAMPLES if size < n_poses] + [n_poses]
+    for size, next_size in pairwise(sizes):
+        counts = _count_near(T_world_cam[candidates], others[:size], far, least_cosine)
+        n_near_best = (counts >= counts.max() - 5 * np.sqrt(size) / 2).sum()
+        best_first = candidates[np.lexsort((candidates, -counts))]
+        candidates = np.sort(best_first[: min(n_near_best, max(1, _MOST_PAIRS // next_size))])
+    counts = _count_near(T_world_cam[candidates], T_world_cam, far, least_cosine)
+    return int(candidates[counts.argmax()])
+
+
+def _count_near(
+    T_a: NDArray[np.float64], T_b: NDArray[np.float64], far: float, least_cosine: float
+) -> NDArray[np.intp]:
+    """How many poses of `T_b` lie within the limits of each of `T_a`."""
+    numbers = (np.ascontiguousarray(T[:, :3]).reshape(-1, 12) for T in (T_a, T_b))
+    return _count_pairs(*numbers, (far + 1e-12) ** 2, 2 * (least_cosine - 1e-12) + 1)
+
+
+@compiled()
+def _count_pairs(
+    a: NDArray[np.float64], b: NDArray[np.float64], far_squared: float, least_trace: float
+) -> NDArray[np.intp]:
+    """Of rows of a 3 x 4 matrix each: translation in columns 3, 7 and 11, rotation in the others."""
+    counts = np.zeros(len(a), dtype=np.intp)
+    for i in range(len(a)):
+        for j in range(len(b)):
+            x, y, z = a[i, 3] - b[j, 3], a[i, 7] - b[j, 7], a[i, 11] - b[j, 11]
+            if x * x + y * y + z * z <= far_squared:
+                trace = 0.0
+                for k in range(11):
+                    if k % 4 != 3:
+                        trace += a[i, k] * b[j, k]
+                counts[i] += trace >= least_trace
+    return counts
 
 
 def _distances_and_cosines(
