@@ -22,6 +22,7 @@ ROOMS = (
     ("dataset_progress",),
     ("dataset_folder",),
     ("dataset",),
+    ("dataset_faults",),
     ("splits", "schedule"),
     ("scene", "formats"),
     ("robots",),

@@ -172,7 +172,7 @@ def test_a_chosen_reference_that_cannot_be_read_gives_way_to_another(pose_folder
         (4, "0,3", "line 5: qx must be a finite number, got"),
         (7, "", "line 5: qw must be a finite number, got ''"),
         (slice(4, 8), "0,0,0,0", "line 5: the quaternion [0.0, 0.0, 0.0, 0.0] has zero length"),
-        (slice(5, 8), "", "line 5: qy must be a finite number, got ''"),
+        (slice(5, 8), "", "line 5 has 6 cells, but the header has 8 columns"),
     ],
 )
 def test_an_unusable_pose_is_refused_by_line_or_skipped_and_counted(
@@ -245,7 +245,7 @@ def test_a_wrong_header_is_refused_with_what_was_wanted_and_found(pose_folder, h
         (b"name,tx,ty,tz,qx,qy,qz,qw\n02.png,0,0,0,0,0,0,1\n", "1 image with a pose, but"),
         (b"\xff\xfen\x00a\x00", "poses.csv is not UTF-8"),
         (b"name\x00", "poses.csv is not text"),
-        (b"name," + b"x" * 200_000, "line 0: not CSV (field larger"),
+        (b"name," + b"x" * 200_000, "line 1 has more than 65536 characters"),
     ],
 )
 def test_an_unusable_table_is_refused(pose_folder, content, message):

@@ -22,7 +22,7 @@ def test_the_page_shows_the_command_of_every_format(name):
 def test_the_table_on_the_page_can_be_imported(pose_folder):
     table = re.search(r"```text\n(name,.*?)```", PAGE, re.DOTALL)[1]
     (pose_folder.path / "poses.csv").write_text(table)
-    for name in ("left/0001.png", "left/0002.png"):
-        pose_folder.write_image(name, pose_folder.images[0])
+    for i, name in enumerate(("left/0001.png", "left/0002.png")):
+        pose_folder.write_image(name, pose_folder.images[i])
     data = read_folder(pose_folder.path, ImportOptions())
     assert data.times.tolist() == [12.4, 12.6]

@@ -36,7 +36,9 @@ def test_what_is_no_file_is_refused_without_being_waited_for(tmp_path, read):
     with socket.socket(socket.AF_UNIX) as server:
         server.bind(str(tmp_path / "socket"))
         for kind in ("pipe", "folder", "socket"):
-            refused(lambda k=kind: read(tmp_path / k, DataSetError), f"but is a {kind}; put a file")
+            refused(
+                lambda k=kind: read(tmp_path / k, DataSetError), f"must be a file, but is a {kind}"
+            )
     refused(lambda: read(tmp_path / "nothing", DataSetError), "is missing")
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     refused(lambda: read(tmp_path / "loop", DataSetError), "cannot be read")

@@ -35,6 +35,7 @@ def assess(
             pose_covariance, least_squares, projections, log_polar, gradient, intensity, robust.
         seed: Seed of the split and the nets.
     """
+    import warnings
     from dataclasses import asdict
 
     from servoscope.assessment import parse_wishes
@@ -44,7 +45,8 @@ def assess(
     from servoscope.commands.run_assessment import run_assessment, told_label_errors
     from servoscope.commands.run_study import finish_run, print_run
     from servoscope.dataset import PoseImageSet
-    from servoscope.errors import InvalidInputError
+    from servoscope.dataset_faults import data_set_warnings
+    from servoscope.errors import InvalidInputError, ServoscopeWarning
     from servoscope.study import StudyConfig
     from servoscope.study.run_folder import owned_run_folder
 
@@ -58,6 +60,8 @@ def assess(
         )
     data = PoseImageSet.load(dataset)
     check_enough_images(data)
+    for text in data_set_warnings(data):
+        warnings.warn(text, ServoscopeWarning, stacklevel=2)
     data = mark_sequence(data)  # the study's random split would flatter
     settings = {"command": "assess", **asdict(config), "dataset": str(dataset.resolve())}
     settings |= {"want": wishes, "pose_error": label_errors, "families": tried}

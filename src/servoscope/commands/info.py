@@ -55,9 +55,11 @@ def describe_data_set(folder: Path) -> dict[str, Any]:
         If it cannot be read.
     """
     from servoscope.dataset import PoseImageSet
+    from servoscope.dataset_faults import data_set_warnings, image_faults
     from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 
     data = PoseImageSet.load(folder)
+    faults = image_faults(data.images, data.T_world_cam)
     height, width = data.image_shape
     ranges = (data.ranges() * DISPLAY_FACTORS).round(3).tolist()
     return {
@@ -73,6 +75,8 @@ def describe_data_set(folder: Path) -> dict[str, Any]:
             )
         },
         **_how_acquired(data.source),
+        "unusable_images": {reason: int(bad.sum()) for reason, bad in faults.items()},
+        "warnings": " ".join(data_set_warnings(data)) or "none",
         "source": data.source,
     }
 

@@ -5,17 +5,22 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.dataset import PoseImageSet
+from servoscope.dataset_faults import fault_words, image_faults, pose_warnings
 from servoscope.errors import DataSetError, ServoscopeWarning
-from servoscope.formats.drops import BAD_IMAGE, FAR, Drops
+from servoscope.formats.drops import BAD_IMAGE, FAR, HELD_POSE, Drops
 from servoscope.formats.frames import Frames
-from servoscope.formats.images import GreyImage, read_grey, read_stack, which_readable
+from servoscope.formats.grey_levels import filled_bits, to_eight_bits
+from servoscope.formats.held_poses import held_poses
+from servoscope.formats.images import GreyLevels, read_levels, read_stack, which_readable
 from servoscope.formats.neighbourhood import choose_reference, near_reference
 from servoscope.formats.options import ImportOptions
+from servoscope.poses import pose_error
 
 
 def assemble_data_set(
@@ -56,35 +61,93 @@ def assemble_data_set(
     Warns
     -----
     ServoscopeWarning
-        If anything was left out, with counts and reasons.
+        If anything was left out, with counts and reasons, or images or poses cannot be right.
     """
     split = _choose_split(frames, options)
-    frames, reference, reference_image = _take_reference(frames, options, drops)
+    frames, reference, levels, brightest = _take_reference(frames, options, drops)
     near = near_reference(frames, reference, options.max_mm, options.max_deg)
-    T_world_ref, reference_name = frames.T_world_cam[reference], frames.names[reference]
-    frames = _keep(frames, near, FAR, drops)
-    frames, images = _read_images(frames, reference_image, options, drops, on_progress)
+    near_frames, far_drops = frames.take(near), frames.take(~near).names
+    kept, stack, largest = _read_images(near_frames, levels, options, drops, on_progress)
+    bits = _filled_bits(levels, max(brightest, largest), frames.folder, options)
+    images, reference_image = to_eight_bits(stack, bits), to_eight_bits(levels[None], bits)[0]
+    reference_name = frames.names[reference]
+    faults = image_faults(images, kept.T_world_cam) | {HELD_POSE: held_poses(images, kept)}
+    _check_reference(kept, reference_name, faults, options)
+    if options.skip_bad and (bad := np.any(list(faults.values()), axis=0)).any():
+        for reason, is_bad in faults.items():
+            drops.add(reason, kept.take(is_bad).names)
+        if reference_name in set(kept.take(bad).names):  # it was chosen: choose another
+            left = ~np.isin(frames.names, kept.take(bad).names)
+            return assemble_data_set(frames.take(left), options, drops, format_name, on_progress)
+        kept, images = kept.take(~bad), images[~bad]
+        _check_enough(kept, drops)
+    drops.add(FAR, far_drops)
     if drops.counts():
-        kept = f"{frames.folder}: {len(frames)} frames kept; left out: {drops}."
-        warnings.warn(kept, ServoscopeWarning, stacklevel=3)
-    return PoseImageSet(
+        _warn(f"{kept.folder}: {len(kept)} frames kept; left out: {drops}.")
+    if not options.skip_bad and (found := fault_words(faults, kept.names)):
+        _warn(f"{kept.folder}: of {len(kept)} images {found}; leave them out with --skip-bad.")
+    data = PoseImageSet(
         images=images,
-        T_world_cam=frames.T_world_cam,
-        T_world_ref=T_world_ref,
+        T_world_cam=kept.T_world_cam,
+        T_world_ref=frames.T_world_cam[reference],
         reference_image=reference_image,
-        names=frames.names,
+        names=kept.names,
         pivot=options.pivot_mm / 1e3,
-        times=frames.times,
+        times=kept.times,
         split=split,
         source={
             "format": format_name,
-            "folder": str(frames.folder),
+            "folder": str(kept.folder),
             "options": asdict(options),
             "reference": reference_name,
-            "n_kept": len(frames),
+            "n_kept": len(kept),
             "dropped": drops.counts(),
+            **({} if levels.dtype == np.uint8 else {"bit_depth": bits}),
         },
     )
+    for text in (*pose_warnings(data), *_too_near(data, options)):
+        _warn(f"{kept.folder}: {text}")
+    return data
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, ServoscopeWarning, stacklevel=4)
+
+
+def _filled_bits(levels: GreyLevels, brightest: int, folder: Path, options: ImportOptions) -> int:
+    if levels.dtype != np.uint8:
+        return filled_bits(brightest, options.bit_depth, str(folder))
+    if options.bit_depth not in (None, 8):
+        raise DataSetError(
+            f"{folder}: its images are of 8 bits, so that --bit-depth {options.bit_depth} cannot "
+            "be; leave it out."
+        )
+    return 8
+
+
+def _check_reference(
+    frames: Frames, name: str, faults: dict[str, NDArray[np.bool_]], options: ImportOptions
+) -> None:
+    """Check that the reference shows something, unless another can be chosen."""
+    if options.skip_bad and not options.names_reference:
+        return
+    for reason in ("black", "saturated", "flat"):
+        if name in frames.take(faults[reason]).names:
+            raise DataSetError(
+                f"{frames.folder}: the reference {name} is {reason}; name another with "
+                "--reference, or leave such images out with --skip-bad."
+            )
+
+
+def _too_near(data: PoseImageSet, options: ImportOptions) -> list[str]:
+    """What metres that were taken for millimetres look like."""
+    mm = 1e3 * pose_error(data.T_world_ref, data.T_world_cam)[0]
+    if options.units != "mm" or not 1e-6 < mm.max() < 0.5:
+        return []
+    return [
+        f"Cameras are within {mm.max():.3g} mm of the reference: check that the positions are in "
+        "mm, or say --units m."
+    ]
 
 
 def _choose_split(frames: Frames, options: ImportOptions) -> str:
@@ -100,11 +163,12 @@ def _choose_split(frames: Frames, options: ImportOptions) -> str:
 
 def _take_reference(
     frames: Frames, options: ImportOptions, drops: Drops
-) -> tuple[Frames, int, GreyImage]:
+) -> tuple[Frames, int, GreyLevels, int]:
+    """The frames, the position of the reference among them, its grey levels and the largest."""
     _check_enough(frames, drops)
     reference = choose_reference(frames, options)
     try:
-        return frames, reference, read_grey(frames.paths[reference], options.image_width)
+        return frames, reference, *read_levels(frames.paths[reference], options.image_width)
     except DataSetError:
         if options.names_reference or not options.skip_bad:
             raise
@@ -114,22 +178,22 @@ def _take_reference(
 
 def _read_images(
     frames: Frames,
-    reference_image: GreyImage,
+    reference: GreyLevels,
     options: ImportOptions,
     drops: Drops,
     on_progress: Callable[[int], object] | None,
-) -> tuple[Frames, NDArray[np.uint8]]:
-    height, width = reference_image.shape
-    images, errors = read_stack(frames.paths, (height, width), options.image_width, on_progress)
+) -> tuple[Frames, GreyLevels, int]:
+    """The frames whose images can be read, the images, and their largest grey level."""
+    images, largest, errors = read_stack(frames.paths, reference, options.image_width, on_progress)
     bad = [error for error in errors if error is not None]
     if not bad:
-        return frames, images
+        return frames, images, largest
     if not options.skip_bad:
         raise bad[0]
     readable = np.array([error is None for error in errors])
     frames = _keep(frames, readable, BAD_IMAGE, drops)
     _check_enough(frames, drops)
-    return frames, images[readable]
+    return frames, images[readable], largest
 
 
 def _keep(frames: Frames, kept: NDArray[np.bool_], reason: str, drops: Drops) -> Frames:

@@ -11,7 +11,9 @@ from servoscope.errors import ServoscopeWarning
 from servoscope.formats.options import Axes, Direction, QuaternionOrder, Units
 from servoscope.poses import inverse_transform, poses_from_quaternions
 
-_METRES = {"m": 1.0, "mm": 1e-3}
+METRES = {"m": 1.0, "mm": 1e-3}
+"""Metres of each unit."""
+
 _OPENCV_FROM = {"opencv": np.eye(4), "opengl": np.diag([1.0, -1.0, -1.0, 1.0])}
 _LENGTH_TOLERANCE = 0.01
 
@@ -70,7 +72,7 @@ def T_world_cam_from_numbers(
     if quaternion_order == "wxyz":
         quaternion = np.roll(quaternion, -1, axis=1)
     _check_unit_length(quaternion)
-    T = poses_from_quaternions(numbers[:, :3] * _METRES[units], quaternion)
+    T = poses_from_quaternions(numbers[:, :3] * METRES[units], quaternion)
     if direction == "world-to-camera":
         T = inverse_transform(T)
     return T @ _OPENCV_FROM[axes]

@@ -6,8 +6,10 @@ from collections.abc import Iterable
 
 NO_POSE = "without a pose near in time"
 BAD_POSE = "with an unusable pose"
+EQUAL_STAMPS = "stamps of several poses"
 BAD_IMAGE = "with an unusable image"
 FAR = "far from the reference"
+HELD_POSE = "with a pose that stays while the image changes"
 
 _NAMES_SHOWN = 3
 
@@ -26,13 +28,12 @@ class Drops:
     """
 
     def __init__(self) -> None:
-        self._names: dict[str, list[str]] = {}
+        self._names: dict[str, dict[str, None]] = {}
 
     def add(self, reason: str, names: Iterable[str]) -> None:
-        """Note that these were left out for this reason."""
-        names = list(names)
-        if names:
-            self._names.setdefault(reason, []).extend(names)
+        """Note that these were left out for this reason; each name counts once."""
+        if names := dict.fromkeys(names):
+            self._names.setdefault(reason, {}).update(names)
 
     def counts(self) -> dict[str, int]:
         """How many were left out, by reason."""
@@ -40,7 +41,7 @@ class Drops:
 
     def __str__(self) -> str:
         return ", ".join(
-            f"{len(names)} {reason}{_examples(names) if reason != FAR else ''}"
+            f"{len(names)} {reason}{_examples(list(names)) if reason != FAR else ''}"
             for reason, names in self._names.items()
         )
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import csv
-import io
 from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
+from reprlib import repr as brief
+from typing import NoReturn
 
 import numpy as np
 
@@ -19,11 +20,12 @@ from servoscope.formats.frames import Frames, check_names_differ
 from servoscope.formats.options import ImportOptions
 from servoscope.formats.pose_text import (
     check_folder,
+    other_separators,
     parse_numbers,
     parse_pose,
-    read_text,
     relative_name,
 )
+from servoscope.storage.reading import read_lines
 
 POSE_COLUMNS = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
@@ -75,14 +77,16 @@ def read_folder(
 
 def _read_frames(folder: Path, options: ImportOptions, drops: Drops) -> Frames:
     path = folder / "poses.csv"
-    columns, rows = _read_rows(path)
-    names = [relative_name(row["name"], where) for where, row in rows]
+    columns, rows = _read_rows(path, skip_bad=options.skip_bad)
+    names = [relative_name(cells[0], where) if cells else Path(where).name for where, cells in rows]
     check_names_differ(names, path)
     numbers, usable = [], np.zeros(len(rows), dtype=bool)
-    for i, (where, row) in enumerate(rows):
+    for i, (where, cells) in enumerate(rows):
+        if len(cells) < len(columns):
+            continue
         try:
-            pose = parse_pose([row[column] for column in POSE_COLUMNS], POSE_COLUMNS, where)
-            time = parse_numbers([row[column] for column in columns[8:]], columns[8:], where)
+            pose = parse_pose(cells[1:8], POSE_COLUMNS, where, options.units)
+            time = parse_numbers(cells[8:], columns[8:], where)
         except DataSetError:
             if not options.skip_bad:
                 raise
@@ -102,15 +106,43 @@ def _read_frames(folder: Path, options: ImportOptions, drops: Drops) -> Frames:
     )
 
 
-def _read_rows(path: Path) -> tuple[list[str], list[tuple[str, dict[str, str]]]]:
-    reader = csv.DictReader(io.StringIO(read_text(path), newline=""), restval="")
+def _read_rows(path: Path, *, skip_bad: bool) -> tuple[list[str], list[tuple[str, list[str]]]]:
+    """The columns that are read, and of each row where it stands and their cells.
+
+    In a row of another length than the header's, cells would stand under wrong names. One that is
+    too short may be left out: of it the name comes back alone, or nothing.
+    """
+    reader = csv.reader(read_lines(path, DataSetError, newline=""))
     try:
-        header = [column.strip().lower() for column in reader.fieldnames or ()]
+        header = [column.strip().lower() for column in next(reader, [])]
         columns = _check_header(header, path)
-        reader.fieldnames = header
-        return columns, [(f"{path}, line {reader.line_num}", row) for row in reader]
+        places = [header.index(column) for column in columns]
+        rows = []
+        for row in reader:
+            where = f"{path}, line {reader.line_num}"
+            if not row:
+                continue
+            while len(row) > len(header) and not row[-1].strip():
+                row.pop()
+            if len(row) > len(header) or (len(row) < len(header) and not skip_bad):
+                _refuse_length(row, header, where)
+            is_whole = len(row) == len(header)
+            used = places if is_whole else places[:1]
+            rows.append((where, [row[place] for place in used if place < len(row)]))
+        return columns, rows
     except csv.Error as error:
         raise DataSetError(f"{path}, line {reader.line_num}: not CSV ({error}).") from error
+
+
+def _refuse_length(row: list[str], header: list[str], where: str) -> NoReturn:
+    cells = f"{len(row)} cell{'s' * (len(row) != 1)}"
+    hint = other_separators(row[0]) if len(row) == 1 else ""
+    if len(row) > len(header):
+        hint = ": decimal commas, or a comma too many? Write decimals with a point"
+    raise DataSetError(
+        f"{where} has {cells}, but the header has {len(header)} columns{hint}; divide all lines by "
+        "the same number of commas."
+    )
 
 
 def _check_header(header: list[str], path: Path) -> list[str]:
@@ -122,6 +154,7 @@ def _check_header(header: list[str], path: Path) -> list[str]:
     if missing or repeated:
         problem = f"lacks {', '.join(missing)}" if missing else f"repeats {', '.join(repeated)}"
         raise DataSetError(
-            f"{path}: the header must hold {','.join(wanted)}, but {','.join(header)!r} {problem}."
+            f"{path}: the header must hold {','.join(wanted)}, but {brief(','.join(header))} "
+            f"{problem}{other_separators(header[0]) if len(header) == 1 else ''}."
         )
     return [*wanted, "time"] if "time" in header else wanted

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from unicodedata import normalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +43,9 @@ class Frames:
 
     @property
     def paths(self) -> list[Path]:
-        """Files of the images."""
-        return [self.folder / name for name in self.names]
+        """Files of the images, as the disk spells them."""
+        listings: dict[Path, dict[str, str]] = {}
+        return [_path_on_disk(self.folder, name, listings) for name in self.names]
 
     def take(self, kept: NDArray[np.bool_]) -> Frames:
         """The frames where `kept` is true."""
@@ -69,3 +72,25 @@ def check_names_differ(names: list[str], path: Path) -> None:
             f"{path} names {repeated[0]} more than once ({len(repeated)} such images); keep one "
             "pose for each image."
         )
+
+
+def _path_on_disk(folder: Path, name: str, listings: dict[Path, dict[str, str]]) -> Path:
+    """The file of that name, whatever Unicode form its letters have on disk."""
+    path = folder / name
+    if name.isascii() or os.path.lexists(path):
+        return path
+    path = folder
+    for part in name.split("/"):
+        if not os.path.lexists(path / part):
+            if path not in listings:
+                listings[path] = {normalize("NFC", file): file for file in _list(path)}
+            part = listings[path].get(part, part)
+        path = path / part
+    return path
+
+
+def _list(folder: Path) -> list[str]:
+    try:
+        return os.listdir(folder)
+    except OSError:
+        return []

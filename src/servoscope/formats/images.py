@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from os import PathLike
@@ -13,22 +14,29 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from servoscope.errors import DataSetError
+from servoscope.formats.grey_levels import filled_bits, to_eight_bits
+from servoscope.storage.reading import LARGEST_IMAGE, open_image, read_bytes, words
 
-GreyImage = NDArray[np.uint8]
+GreyLevels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
-def read_grey(path: str | PathLike[str], width: int | None = None) -> GreyImage:
-    """The image in a file, grey.
+def read_grey(
+    path: str | PathLike[str], width: int | None = None, bit_depth: int | None = None
+) -> NDArray[np.uint8]:
+    """The image in a file, grey, of 8 bits.
 
-    Colour is turned grey by ITU-R 601 luma, 16-bit values keep their upper eight bits, and
-    transparency and any rotation noted in the file's EXIF data are ignored: a pose belongs to
-    the rows and columns of the sensor.
+    Colour is turned grey by ITU-R 601 luma, of 16-bit values the upper eight of the bits that are
+    filled are kept, and transparency and any rotation noted in the file's EXIF data are ignored: a
+    pose belongs to the rows and columns of the sensor.
 
     Parameters
     ----------
     path : path-like
     width : int, optional
         Width to resize to, keeping the aspect ratio, [px]; shrunk by averaging over areas.
+    bit_depth : int, optional
+        Bits that the values of a 16-bit file fill; by default the least of 8, 10, 12, 14 and 16
+        that hold its largest.
 
     Returns
     -------
@@ -37,29 +45,53 @@ def read_grey(path: str | PathLike[str], width: int | None = None) -> GreyImage:
     Raises
     ------
     DataSetError
-        If the file is missing, truncated or not an image.
+        If the file is missing, truncated, not an image or of floating-point pixels.
+
+    Warns
+    -----
+    ServoscopeWarning
+        If a 16-bit file is taken to fill fewer bits.
     """
-    grey = _decode(Path(path))
-    if width is None or width == grey.shape[1]:
-        return grey
-    height = max(1, round(grey.shape[0] * width / grey.shape[1]))
-    method = cv2.INTER_AREA if width < grey.shape[1] else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(grey, (width, height), interpolation=method), dtype=np.uint8)
+    levels, brightest = read_levels(Path(path), width)
+    bits = 8 if levels.dtype == np.uint8 else filled_bits(brightest, bit_depth, str(path))
+    return to_eight_bits(levels, bits)
+
+
+def read_levels(path: Path, width: int | None = None) -> tuple[GreyLevels, int]:
+    """The grey image in a file as uint8 or uint16, and its largest level before it is resized.
+
+    Raises
+    ------
+    DataSetError
+        As `read_grey`.
+    """
+    levels = _decode(path)
+    brightest = int(levels.max())
+    if width is None or width == levels.shape[1]:
+        return levels, brightest
+    height = max(1, round(levels.shape[0] * width / levels.shape[1]))
+    if height * width > LARGEST_IMAGE:
+        raise DataSetError(
+            f"{path} would be {width} x {height} px, more than {LARGEST_IMAGE} pixels; take a "
+            "smaller --image-width."
+        )
+    method = cv2.INTER_AREA if width < levels.shape[1] else cv2.INTER_LINEAR
+    return cv2.resize(levels, (width, height), interpolation=method), brightest
 
 
 def read_stack(
     paths: Sequence[Path],
-    shape: tuple[int, int],
+    like: GreyLevels,
     width: int | None = None,
     on_progress: Callable[[int], object] | None = None,
-) -> tuple[NDArray[np.uint8], list[DataSetError | None]]:
+) -> tuple[GreyLevels, int, list[DataSetError | None]]:
     """Grey images of one shape from many files, read side by side.
 
     Parameters
     ----------
     paths : sequence of n Path
-    shape : (height, width)
-        Of every image, after resizing, [px].
+    like : ndarray of shape (height, width), uint8 or uint16
+        An image that all must have the shape and type of, after resizing.
     width : int, optional
         Width to resize to, [px].
     on_progress : callable, optional
@@ -67,24 +99,32 @@ def read_stack(
 
     Returns
     -------
-    images : ndarray of shape (n, height, width), uint8
+    images : ndarray of shape (n, height, width), uint8 or uint16
         Black where a file could not be read.
+    brightest : int
+        Largest grey level of all, before they are resized.
     errors : list of n DataSetError or None
-        Why a file could not be read, or what other shape it has.
+        Why a file could not be read, or what other shape or type it has.
     """
-    images = np.zeros((len(paths), *shape), np.uint8)
+    images = np.zeros((len(paths), *like.shape), like.dtype)
+    brightest = np.zeros(len(paths), dtype=np.int64)
 
     def read_into_stack(i: int) -> DataSetError | None:
         try:
-            image = read_grey(paths[i], width)
+            image, largest = read_levels(paths[i], width)
         except DataSetError as error:
             return error
-        if image.shape != shape:
+        if image.shape != like.shape:
             return DataSetError(
                 f"{paths[i]} is {_size(image.shape)} px, but the reference image is "
-                f"{_size(shape)} px; all images must be of one size and aspect ratio."
+                f"{_size(like.shape)} px; all images must be of one size and aspect ratio."
             )
-        images[i] = image
+        if image.dtype != like.dtype:
+            return DataSetError(
+                f"{paths[i]} is of {image.dtype}, but the reference image of {like.dtype}; save "
+                "all images with the same bits."
+            )
+        images[i], brightest[i] = image, largest
         return None
 
     errors = []
@@ -96,7 +136,7 @@ def read_stack(
                 on_progress(len(errors))
     finally:
         pool.shutdown(cancel_futures=True)
-    return images, errors
+    return images, int(brightest.max(initial=0)), errors
 
 
 def which_readable(paths: Sequence[Path]) -> NDArray[np.bool_]:
@@ -104,7 +144,7 @@ def which_readable(paths: Sequence[Path]) -> NDArray[np.bool_]:
 
     def is_readable(path: Path) -> bool:
         try:
-            read_grey(path)
+            read_levels(path)
         except DataSetError:
             return False
         return True
@@ -113,34 +153,39 @@ def which_readable(paths: Sequence[Path]) -> NDArray[np.bool_]:
         return np.fromiter(pool.map(is_readable, paths), dtype=bool, count=len(paths))
 
 
-def _decode(path: Path) -> GreyImage:
+def _decode(path: Path) -> GreyLevels:
+    what_to_do = "replace it, remove its pose, or leave it out with --skip-bad."
+    if not os.path.exists(path):
+        raise DataSetError(f"{path} is missing, though a pose is given for it; {what_to_do}")
     try:
-        with Image.open(path) as image:
-            image.load()
-            return _grey(image)
-    except FileNotFoundError as error:
-        raise DataSetError(
-            f"{path} is missing, though a pose is given for it; restore it, remove its pose, or "
-            "leave it out with --skip-bad."
-        ) from error
+        with open_image(path, DataSetError) as image:
+            return _grey(image, path)
+    except DataSetError as error:
+        raise DataSetError(f"{str(error).rstrip('.')}; {what_to_do}") from error
     except Exception as error:  # Pillow's decoders raise of every kind on damaged files
-        reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
-        reason = " ".join(reason.replace(f" {str(path)!r}", "").split())
-        raise DataSetError(
-            f"{path} is not a whole image ({reason}); replace it, remove its pose, or leave it "
-            "out with --skip-bad."
-        ) from error
+        raise DataSetError(f"{path} is not a whole image ({words(error)}); {what_to_do}") from error
 
 
-def _grey(image: Image.Image) -> GreyImage:
+def _grey(image: Image.Image, path: Path) -> GreyLevels:
+    is_wide_colour = not image.mode.startswith("I") and ";16" in str(image.tile)
+    image.load()
     if image.mode == "F":
         raise ValueError("floating-point pixels, save it with 8 or 16 bits")
     if image.mode.startswith("I"):
         values = np.asarray(image)
         if values.min() < 0 or values.max() > 65535:
             raise ValueError("pixels of more than 16 bits, save it with 8 or 16 bits")
-        return (values >> 8).astype(np.uint8)
-    return np.array(image.convert("L"))
+        return values.astype(np.uint16)
+    return _luma_of_sixteen_bits(path) if is_wide_colour else np.array(image.convert("L"))
+
+
+def _luma_of_sixteen_bits(path: Path) -> NDArray[np.uint16]:
+    """Luma of a colour image of 16 bits, of which Pillow keeps the upper eight only."""
+    content = np.frombuffer(read_bytes(path, DataSetError), np.uint8)
+    values = cv2.imdecode(content, cv2.IMREAD_UNCHANGED)
+    if values is None or values.dtype != np.uint16 or values.ndim != 3:
+        raise ValueError("colour of 16 bits that cannot be read, save it grey")
+    return np.asarray(cv2.cvtColor(values[..., :3], cv2.COLOR_BGR2GRAY), dtype=np.uint16)
 
 
 def _size(shape: tuple[int, ...]) -> str:

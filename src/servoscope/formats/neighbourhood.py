@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from unicodedata import normalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,7 @@ def choose_reference(frames: Frames, options: ImportOptions) -> int:
                 f"{frames.numbers.max()}; name another reference."
             )
     elif options.reference != MOST_NEIGHBOURS:
-        found = _positions_named(frames.names, options.reference)
+        found = _positions_named(frames.names, normalize("NFC", options.reference))
         if len(found) != 1:
             how_many = "several" if found else "none"
             raise DataSetError(
@@ -122,7 +123,7 @@ def _count_near(
 def _count_pairs(
     a: NDArray[np.float64], b: NDArray[np.float64], far_squared: float, least_trace: float
 ) -> NDArray[np.intp]:
-    """Of rows of a 3 x 4 matrix each: translation in columns 3, 7 and 11, rotation in the others."""
+    """As `_count_near`, of 3 x 4 matrices as rows: columns 3, 7 and 11 are the translation."""
     counts = np.zeros(len(a), dtype=np.intp)
     for i in range(len(a)):
         for j in range(len(b)):

@@ -48,11 +48,15 @@ class ImportOptions:
     axes : {"opencv", "opengl"}
         Camera axes of the poses: opencv has x right, y down, z forward; opengl has x right,
         y up, z backward.
+    bit_depth : int, optional
+        Bits that the grey levels of 16-bit files fill, 8 to 16; by default the least of 8, 10, 12,
+        14 and 16 that hold the largest of all images.
     split : {"auto", "random", "blocks"}
         How images are split for training and testing: at random, by blocks of time, or by
         blocks wherever times are known (auto).
     skip_bad : bool
-        Leave out unusable images and poses, and count them, instead of stopping at the first.
+        Leave out unusable images and poses, and images that show nothing, and count them, instead
+        of stopping at the first.
 
     Raises
     ------
@@ -74,6 +78,7 @@ class ImportOptions:
     direction: Direction = "camera-to-world"
     units: Units = "m"
     axes: Axes = "opencv"
+    bit_depth: int | None = None
     split: Literal["auto", "random", "blocks"] = "auto"
     skip_bad: bool = False
 
@@ -90,6 +95,8 @@ class ImportOptions:
             )
         for name in ("max_mm", "max_deg", "image_width"):
             self._check_number(name, above_zero=True)
+        if self.bit_depth is not None and self.bit_depth not in range(8, 17):
+            raise InvalidInputError(f"bit_depth must be from 8 to 16, got {self.bit_depth}.")
         for name in ("pivot_mm", "reference_index"):
             self._check_number(name, above_zero=False)
 

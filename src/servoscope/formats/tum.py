@@ -2,29 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import warnings
+from array import array
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from reprlib import repr as brief
 from typing import Literal
 
 import numpy as np
 
 from servoscope.dataset import PoseImageSet
-from servoscope.errors import DataSetError
+from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.formats.assembly import assemble_data_set
 from servoscope.formats.conventions import T_world_cam_from_numbers
-from servoscope.formats.drops import BAD_POSE, NO_POSE, Drops
+from servoscope.formats.drops import BAD_POSE, EQUAL_STAMPS, NO_POSE, Drops
 from servoscope.formats.frames import Frames, check_names_differ
 from servoscope.formats.options import ImportOptions, QuaternionOrder
 from servoscope.formats.pairing import Trajectory, pair_in_time
+from servoscope.formats.pose_header import check_pose_header
 from servoscope.formats.pose_text import (
     check_folder,
+    other_separators,
     parse_numbers,
     parse_pose,
-    read_text,
     relative_name,
 )
+from servoscope.formats.stamps import (
+    check_seconds,
+    resolution,
+    stamp_warnings,
+    without_equal_stamps,
+)
+from servoscope.storage.reading import read_lines
 
 _COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
@@ -85,12 +96,14 @@ def read_tum(
     Raises
     ------
     DataSetError
-        If a file is missing, damaged or inconsistent, or no image has a pose near in time.
+        If a file is missing, damaged or inconsistent, stamps are not seconds or stand for several
+        poses, column names in a comment contradict the order of the quaternion, or no image has a
+        pose near in time.
 
     Warns
     -----
     ServoscopeWarning
-        If anything was left out, with counts and reasons.
+        If anything was left out, with counts and reasons, or is doubtful.
 
     Notes
     -----
@@ -110,8 +123,8 @@ def read_tum(
     options = TumOptions() if options is None else options
     folder, drops = Path(src), Drops()
     check_folder(folder, "rgb.txt", "groundtruth.txt")
-    names, times = _read_image_list(folder / "rgb.txt")
-    trajectory = _read_trajectory(folder / "groundtruth.txt", options, drops)
+    names, times, image_step = _read_image_list(folder / "rgb.txt")
+    trajectory, pose_step = _read_trajectory(folder / "groundtruth.txt", options, drops)
     T_world_cam, gaps = pair_in_time(trajectory, times, options.pairing)
     frames = Frames(folder, names, np.arange(len(names)), T_world_cam, times)
     paired = gaps <= options.max_gap_s
@@ -122,39 +135,56 @@ def read_tum(
             "seconds from the same moment, or raise --max-gap-s."
         )
     drops.add(NO_POSE, frames.take(~paired).names)
-    return assemble_data_set(frames.take(paired), options, drops, "tum", on_progress)
+    data = assemble_data_set(frames.take(paired), options, drops, "tum", on_progress)
+    for text in stamp_warnings(trajectory, times[paired], max(image_step, pose_step)):
+        warnings.warn(f"{folder}: {text}", ServoscopeWarning, stacklevel=2)
+    return data
 
 
-def _read_image_list(path: Path) -> tuple[list[str], np.ndarray]:
-    names, times = [], []
+def _read_image_list(path: Path) -> tuple[list[str], np.ndarray, float]:
+    """Names of the images, their stamps [s], and the step in which these are written [s]."""
+    names, stamps, times = [], [], []
     for where, line in _lines(path):
         fields = line.split(maxsplit=1)
         if len(fields) != 2:
-            raise DataSetError(f"{where}: must be 'timestamp filename', got {line!r}.")
+            raise DataSetError(
+                f"{where}: must be 'timestamp filename', got {brief(line)}{other_separators(line)}."
+            )
         times += parse_numbers(fields[:1], _COLUMNS[:1], where)
+        stamps.append(fields[0])
         names.append(relative_name(fields[1], where))
     if not names:
         raise DataSetError(f"{path} names no image; its lines must be 'timestamp filename'.")
     check_names_differ(names, path)
-    return names, np.array(times)
+    check_seconds(np.array(times), str(path))
+    return names, np.array(times), resolution(stamps)
 
 
-def _read_trajectory(path: Path, options: TumOptions, drops: Drops) -> Trajectory:
-    rows = []
-    for where, line in _lines(path):
+def _read_trajectory(path: Path, options: TumOptions, drops: Drops) -> tuple[Trajectory, float]:
+    """The poses in time, and the step in which their stamps are written [s]."""
+    stamps, numbers = [], array("d")
+    for where, line in _lines(path, options.quaternion_order):
         fields = line.split()
         try:
             if len(fields) != 8:
-                raise DataSetError(f"{where}: must be {' '.join(_COLUMNS)!r}, got {line!r}.")
-            time = parse_numbers(fields[:1], _COLUMNS[:1], where)
-            rows.append(time + parse_pose(fields[1:], _COLUMNS[1:], where))
+                raise DataSetError(
+                    f"{where}: must be {' '.join(_COLUMNS)!r}, got {brief(line)}"
+                    f"{other_separators(line) if len(fields) == 1 else ''}."
+                )
+            row = parse_numbers(fields[:1], _COLUMNS[:1], where)
+            row += parse_pose(fields[1:], _COLUMNS[1:], where, options.units)
         except DataSetError:
+            check_pose_header(line, options.quaternion_order, where)
             if not options.skip_bad:
                 raise
             drops.add(BAD_POSE, [Path(where).name])
-    if not rows:
+            continue
+        stamps.append(fields[0])
+        numbers.extend(row)
+    if not stamps:
         raise DataSetError(f"{path} holds no pose; its lines must be {' '.join(_COLUMNS)!r}.")
-    table = np.array(rows)
+    table = np.array(numbers).reshape(-1, len(_COLUMNS))
+    check_seconds(table[:, 0], str(path))
     T_world_cam = T_world_cam_from_numbers(
         table[:, 1:],
         direction=options.direction,
@@ -162,13 +192,22 @@ def _read_trajectory(path: Path, options: TumOptions, drops: Drops) -> Trajector
         quaternion_order=options.quaternion_order,
         axes=options.axes,
     )
-    return Trajectory(table[:, 0], T_world_cam)
+    trajectory, conflicts = without_equal_stamps(
+        Trajectory(table[:, 0], T_world_cam), str(path), skip_bad=options.skip_bad
+    )
+    drops.add(EQUAL_STAMPS, [f"{time:.6f}" for time in conflicts])
+    if not len(trajectory.times):
+        raise DataSetError(f"{path} holds no pose whose stamp is its own; mend the stamps.")
+    return trajectory, resolution(stamps)
 
 
-def _lines(path: Path) -> list[tuple[str, str]]:
-    lines = [line.strip() for line in read_text(path).splitlines()]
-    return [
-        (f"{path}, line {number}", line)
-        for number, line in enumerate(lines, start=1)
-        if line and not line.startswith("#")
-    ]
+def _lines(
+    path: Path, quaternion_order: QuaternionOrder | None = None
+) -> Iterator[tuple[str, str]]:
+    """The lines that hold something, and where each stands; comments are checked and left out."""
+    for number, line in enumerate(read_lines(path, DataSetError), start=1):
+        where, line = f"{path}, line {number}", line.strip()
+        if line.startswith("#") and quaternion_order is not None:
+            check_pose_header(line, quaternion_order, where)
+        if line and not line.startswith("#"):
+            yield where, line

@@ -64,7 +64,7 @@ def check_regular(path: Path, error: type[Exception], most: int = LARGEST_FILE) 
     except (OSError, ValueError) as reason:
         raise error(f"{path} cannot be read ({words(reason)}).") from reason
     if not stat.S_ISREG(status.st_mode):
-        raise error(f"{path} must be a file, but is {_kind(status.st_mode)}; put a file there.")
+        raise error(f"{path} must be a file, but is {_kind(status.st_mode)}.")
     if status.st_size > most:
         raise error(f"{path} has more than {most} bytes ({status.st_size}); make it smaller.")
     return status.st_size
