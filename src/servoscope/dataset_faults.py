@@ -90,13 +90,11 @@ def fault_words(faults: dict[str, NDArray[np.bool_]], names: Iterable[str]) -> s
 
 def data_set_warnings(data: PoseImageSet) -> list[str]:
     """What is wrong with the images and poses of a data set, a sentence each."""
-    words = fault_words(image_faults(data.images, data.T_world_cam), data.names)
-    unusable = (
-        f"Of {len(data)} images some are of no use: {words}; import with --skip-bad leaves them out."
-        if words
-        else ""
-    )
-    return [text for text in (unusable, *pose_warnings(data)) if text]
+    texts = pose_warnings(data)
+    if words := fault_words(image_faults(data.images, data.T_world_cam), data.names):
+        advice = "import with --skip-bad leaves them out"
+        texts.insert(0, f"Of {len(data)} images some are of no use: {words}; {advice}.")
+    return texts
 
 
 def pose_warnings(data: PoseImageSet) -> list[str]:

@@ -9,7 +9,7 @@ from sklearn.utils import estimator_html_repr
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 import servoscope as sv
-from servoscope.errors import InvalidInputError
+from servoscope.errors import InvalidInputError, ServoscopeWarning
 
 FIXED = [
     sv.TchebichefMoments(),
@@ -50,6 +50,7 @@ each_family = pytest.mark.parametrize("family", FAMILIES, ids=lambda f: type(f).
 
 # No check is expected to fail. scikit-learn itself skips one, of array API input, unless the
 # environment variable SCIPY_ARRAY_API is set; the families take NumPy arrays.
+@pytest.mark.filterwarnings("ignore:The images are floats from 0 to 1")
 @parametrize_with_checks(CHECKED)
 def test_scikit_learn_estimator_checks(estimator, check):
     check(estimator)
@@ -118,6 +119,27 @@ def test_pixels_that_are_not_finite_are_refused(family, images, delta_p):
         clone(family).fit(broken, delta_p)
     with pytest.raises(InvalidInputError, match="image 7 holds NaN"):
         clone(family).fit(images, delta_p).transform(broken)
+
+
+@each_family
+def test_floats_from_0_to_1_give_the_features_of_grey_levels_and_are_told(family, images, delta_p):
+    shares = images / 255.0
+    with pytest.warns(ServoscopeWarning, match="floats from 0 to 1; they are multiplied by 255"):
+        fitted = clone(family).fit(shares, delta_p)
+    of_levels = clone(family).fit(255.0 * shares, delta_p)
+    np.testing.assert_array_equal(fitted.transform(shares), of_levels.transform(255.0 * shares))
+    dark = shares[:2] * 0.02  # one scale, however dark the images are
+    np.testing.assert_array_equal(fitted.transform(dark), of_levels.transform(255.0 * dark))
+
+
+@each_family
+def test_images_on_another_scale_than_those_of_fit_are_refused(family, images, delta_p):
+    with pytest.raises(InvalidInputError, match="multiply them by 255"):
+        clone(family).fit(images, delta_p).transform(images / 255.0)
+    with pytest.warns(ServoscopeWarning):
+        fitted = clone(family).fit(images / 255.0, delta_p)
+    with pytest.raises(InvalidInputError, match="were floats from 0 to 1; divide them by 255"):
+        fitted.transform(images)
 
 
 @each_family

@@ -157,13 +157,14 @@ def _is_number(value: Any) -> bool:
 
 def _how_acquired(source: dict[str, Any]) -> dict[str, Any]:
     """Rings, part and robot of images that were acquired; nothing of others."""
-    if "rings" not in source:
+    if not source.keys() >= {"rings", "n_replaced", "part", "variant", "robot"}:
         return {}
     replaced = source["n_replaced"]
+    told = f", {replaced} poses out of reach drawn anew"
     return {
         "rings": source["rings"],
         "part": f"{source['part']}, variant {source['variant']}",
-        "robot": source["robot"] + (f", {replaced} poses out of reach drawn anew" * bool(replaced)),
+        "robot": f"{source['robot']}{told if replaced else ''}",
     }
 
 

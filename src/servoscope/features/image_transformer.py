@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from abc import ABCMeta, abstractmethod
 from typing import Any
 
@@ -11,13 +12,20 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from servoscope.arrays import check_scale, check_unmasked
-from servoscope.errors import InvalidInputError
+from servoscope.errors import InvalidInputError, ServoscopeWarning
 from servoscope.features.pixels import ImageShape, check_finite, flatten_images
 from servoscope.poses import DOFS
+
+WHITE = 255.0
+CERTAINLY_LEVELS = 16.0
+"""The largest grey level, and the one above which pixels are no shares of white."""
 
 
 class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
     """A transformer whose samples are images, of shape (n, height, width) or flat.
+
+    Grey levels go from 0 to 255. Images whose pixels are floats from 0 to 1 in `fit` are multiplied
+    by 255, there and in `transform`, with a warning.
 
     scikit-learn counts the pixels as features, ``n_features_in_ = height * width``. A subclass
     has a parameter `image_shape`, and names its features in `_feature_names`. All of them pass
@@ -53,7 +61,7 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
         flat, image_shape = flatten_images(X, self.image_shape)
         flat = self._validated(flat, reset=True)
         self.image_shape_ = image_shape
-        return flat
+        return self._grey_levels_to_fit(flat)
 
     def _images_and_targets_to_fit(self, X: Any, y: Any) -> tuple[NDArray[Any], NDArray[Any]]:
         """Flat images, and targets of shape (n_images, n_targets)."""
@@ -63,7 +71,7 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
         self.image_shape_ = image_shape
         targets = y.reshape(len(y), -1).astype(np.float64)
         check_scale(targets, "y")
-        return flat, targets
+        return self._grey_levels_to_fit(flat), targets
 
     def _images_to_transform(self, X: Any) -> NDArray[Any]:
         """Flat images, if they are of the shape seen in `fit`."""
@@ -78,7 +86,36 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
                 f"{height * width} features as input: the images are of {came}, those of fit "
                 f"were of {height} x {width} (height x width); resize them."
             )
-        return self._validated(flat, reset=False)
+        return self._grey_levels_to_transform(self._validated(flat, reset=False))
+
+    def _grey_levels_to_fit(self, flat: NDArray[Any]) -> NDArray[Any]:
+        """Grey levels from 0 to 255, after taking note of how they were given."""
+        self.grey_scale_, self.brightest_ = 1.0, float(flat.max())
+        if not _are_shares(flat):
+            return flat
+        self.grey_scale_ = WHITE
+        warnings.warn(
+            "The images are floats from 0 to 1; they are multiplied by 255, as are those that "
+            f"{type(self).__name__} transforms. Give grey levels from 0 to 255 where they are not.",
+            ServoscopeWarning,
+            stacklevel=4,
+        )
+        return flat * self.grey_scale_
+
+    def _grey_levels_to_transform(self, flat: NDArray[Any]) -> NDArray[Any]:
+        """Grey levels on the scale of those seen in `fit`."""
+        scale, brightest = getattr(self, "grey_scale_", 1.0), getattr(self, "brightest_", 0.0)
+        if scale == 1.0 and brightest > CERTAINLY_LEVELS and _are_shares(flat):
+            raise InvalidInputError(
+                f"The images are floats from 0 to 1, but those of fit had grey levels up to "
+                f"{brightest:g}; multiply them by 255."
+            )
+        if scale != 1.0 and flat.max() > CERTAINLY_LEVELS:
+            raise InvalidInputError(
+                f"The images have grey levels up to {flat.max():g}, but those of fit were floats "
+                "from 0 to 1; divide them by 255."
+            )
+        return flat if scale == 1.0 else flat * scale
 
     def _validated(self, *arrays: Any, reset: bool, **checks: Any) -> Any:
         try:
@@ -95,6 +132,13 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
             raise InvalidInputError(str(error)) from error
         check_finite(valid[0] if isinstance(valid, tuple) else valid)
         return valid
+
+
+def _are_shares(flat: NDArray[Any]) -> bool:
+    """Whether pixels are shares of white, from 0 to 1, rather than grey levels."""
+    if not np.issubdtype(flat.dtype, np.floating):
+        return False
+    return bool(flat.min() >= 0 and 0 < flat.max() <= 1)
 
 
 def target_names(n_targets: int) -> list[str]:
