@@ -53,7 +53,7 @@ def test_a_terminal_sees_every_fact_and_no_control_codes(tmp_path, capsys):
     assert "evil?[2J?note" in told
 
 
-@pytest.mark.parametrize("reach", [None, 3, [1.0], ["x"] * 6, [10**400] * 6, {"tx": 1}])
+@pytest.mark.parametrize("reach", [None, 3, [1.0], ["x"] * 6, [10**39] * 6, {"tx": 1}])
 def test_what_a_header_does_not_tell_is_left_out(tmp_path, capsys, reach):
     header = {"reach": reach, "pivot": "far", "image_size": [reach]}
     write_model(tmp_path / "model", header, {})

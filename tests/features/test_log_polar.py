@@ -16,7 +16,7 @@ def blobs(turned=0.0, enlarged=1.0):
         u = enlarged * radius * np.cos(angle + turned)
         v = enlarged * radius * np.sin(angle + turned)
         image += np.exp(-((x - u) ** 2 + (y - v) ** 2) / (2 * (enlarged * width) ** 2))
-    return 100 * image[None]
+    return image[None]
 
 
 def spectrum(image):

@@ -24,8 +24,9 @@ CERTAINLY_LEVELS = 16.0
 class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
     """A transformer whose samples are images, of shape (n, height, width) or flat.
 
-    Grey levels go from 0 to 255. Images whose pixels are floats from 0 to 1 in `fit` are multiplied
-    by 255, there and in `transform`, with a warning.
+    Grey levels go from 0 to 255. Families to which they matter by themselves, not only relative to
+    one another, multiply images whose pixels are floats from 0 to 1 in `fit` by 255, there and in
+    `transform`, with a warning. None transforms images on another scale than those of `fit`.
 
     scikit-learn counts the pixels as features, ``n_features_in_ = height * width``. A subclass
     has a parameter `image_shape`, and names its features in `_feature_names`. All of them pass
@@ -37,6 +38,7 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
     image_shape_: ImageShape
     _min_images = 1
     _min_pixels = 1
+    _levels_matter = False
 
     @abstractmethod
     def _feature_names(self) -> list[str]: ...
@@ -91,7 +93,7 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
     def _grey_levels_to_fit(self, flat: NDArray[Any]) -> NDArray[Any]:
         """Grey levels from 0 to 255, after taking note of how they were given."""
         self.grey_scale_, self.brightest_ = 1.0, float(flat.max())
-        if not _are_shares(flat):
+        if not self._levels_matter or not _are_shares(flat):
             return flat
         self.grey_scale_ = WHITE
         warnings.warn(
@@ -110,10 +112,10 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
                 f"The images are floats from 0 to 1, but those of fit had grey levels up to "
                 f"{brightest:g}; multiply them by 255."
             )
-        if scale != 1.0 and flat.max() > CERTAINLY_LEVELS:
+        if 0 < brightest <= 1 and flat.max() > CERTAINLY_LEVELS:
             raise InvalidInputError(
-                f"The images have grey levels up to {flat.max():g}, but those of fit were floats "
-                "from 0 to 1; divide them by 255."
+                f"The images have grey levels up to {flat.max():g}, but those of fit went from 0 to "
+                f"{brightest:g}; divide them by 255."
             )
         return flat if scale == 1.0 else flat * scale
 

@@ -81,6 +81,8 @@ class GeometricMoments(ImageTransformer):
     array([[   7.5,    7. , 1800. ]])
     """
 
+    _levels_matter = True
+
     def __init__(
         self,
         slices: Sequence[tuple[int, int]] = PAPER_SLICES,

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+from itertools import groupby
 
 from servoscope.errors import DataSetError
 
 _UNIT = re.compile(r"[\[(][^\])]*[\])]")
-_AXIS = re.compile(r"(?:\w*[_./])?[a-z]{0,2}([wxyz])")
+_AXIS = re.compile(r"(?:[\w./]*[_./])?[a-z]{0,2}([wxyz])")
 _N_NUMBERS = 7
 
 
@@ -27,12 +28,14 @@ def check_pose_header(line: str, quaternion_order: str, where: str) -> None:
     >>> check_pose_header("# timestamp tx ty tz qx qy qz qw", "xyzw", "groundtruth.txt, line 1")
     """
     axes = [_AXIS.fullmatch(name) for name in _names(line)]
-    for start in range(len(axes) - _N_NUMBERS + 1):
-        found = axes[start : start + _N_NUMBERS]
-        letters = "".join(match[1] for match in found if match)
-        if sorted(letters) != sorted("xyzwxyz") or letters == "xyz" + quaternion_order:
+    for is_axes, run in groupby(axes, bool):
+        found = [match for match in run if match][:_N_NUMBERS]
+        letters = "".join(match[1] for match in found)
+        if not is_axes or sorted(letters) != sorted("xyzwxyz"):
             continue
-        names = " ".join(match[0] for match in found if match)
+        if letters == "xyz" + quaternion_order:
+            return
+        names = " ".join(match[0] for match in found)
         is_other = letters == "xyz" + {"xyzw": "wxyz", "wxyz": "xyzw"}[quaternion_order]
         order = "wxyz" if quaternion_order == "xyzw" else "xyzw"
         advice = f"say --quaternion-order {order}" if is_other else "put the columns in that order"

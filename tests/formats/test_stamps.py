@@ -1,0 +1,128 @@
+import re
+
+import numpy as np
+import pytest
+
+from servoscope.errors import DataSetError, ServoscopeWarning
+from servoscope.formats import TumOptions, read_tum
+from servoscope.formats.stamps import check_seconds, resolution
+
+NAMED = TumOptions(reference="02.png")
+SINCE_1970 = 1_403_636_579.0
+
+
+def refusal(source, options=NAMED):
+    with pytest.raises(DataSetError) as caught:
+        read_tum(source.path, options)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def rewrite(path, edit):
+    path.write_text("\n".join(edit(path.read_text().splitlines())) + "\n")
+
+
+@pytest.mark.parametrize("place", [1, -1])
+def test_two_poses_at_one_stamp_are_refused_or_left_out(pose_folder, place):
+    pose_folder.write_tum()
+    rewrite(
+        pose_folder.path / "groundtruth.txt",
+        lambda lines: [*lines[:place], "100.2 9 0 0 0 0 0 1", *lines[place:]],
+    )
+    message = refusal(pose_folder)
+    assert "1 stamps stand for different poses, up to 8980 mm" in message
+    assert "the first is 100.200000" in message
+    options = TumOptions(reference="01.png", skip_bad=True, max_gap_s=0.15)
+    with pytest.warns(ServoscopeWarning, match=r"1 stamps of several poses \(100.200000\)"):
+        data = read_tum(pose_folder.path, options)
+    np.testing.assert_allclose(data.T_world_cam[2, :3, 3], [0.02, 0, 0], atol=1e-6)
+
+
+def test_a_pose_that_is_written_twice_is_one(pose_folder):
+    pose_folder.write_tum()
+    rewrite(pose_folder.path / "groundtruth.txt", lambda lines: [*lines, lines[3], lines[3]])
+    data = read_tum(pose_folder.path, NAMED)
+    np.testing.assert_allclose(data.T_world_cam, pose_folder.T_world_cam, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("factor", "start", "unit"),
+    [
+        (1e9, SINCE_1970, "nanoseconds"),
+        (1e6, SINCE_1970, "microseconds"),
+        (1e3, SINCE_1970, "milliseconds"),
+        (1e9, 0, "nanoseconds"),
+        (1e6, 0, "microseconds"),
+    ],
+)
+@pytest.mark.parametrize("both", [True, False])
+def test_stamps_that_are_not_seconds_are_refused(pose_folder, factor, start, unit, both):
+    seconds = start + np.arange(6) / 10
+    images = seconds * (factor if both else 1)
+    pose_folder.write_tum(pose_times=seconds * factor, image_times=images)
+    message = refusal(pose_folder)
+    assert f"stamps must be seconds, but those like {np.median(seconds) * factor:.0f}" in message
+    assert f"are {unit}; divide them" in message
+
+
+@pytest.mark.parametrize("pause", [1e-4, 1 / 30, 1.0, 60.0])
+def test_seconds_of_any_clock_and_pace_are_taken(pause):
+    for start in (0.0, -5.0, SINCE_1970):
+        check_seconds(start + pause * np.arange(5), "rgb.txt")
+
+
+@pytest.mark.parametrize(
+    ("texts", "step"),
+    [(["1.5", "1.25"], 0.01), (["7"], 1), (["1.3e9"], 1e8), (["1e-3"], 1e-3), (["2.000"], 1e-3)],
+)
+def test_the_step_of_stamps_is_that_of_their_finest(texts, step):
+    assert resolution(texts) == pytest.approx(step)
+
+
+def fast(pose_folder, pose_format, image_format):
+    """1 m/s and 30 images a second, whose stamps are written with fewer decimals."""
+    times = SINCE_1970 + np.arange(60) / 30
+    numbers = [f"{t - SINCE_1970} 0 0 0 0 0 1" for t in times]
+    images = np.random.default_rng(1).integers(0, 256, (60, 12, 16), dtype=np.uint8)
+    for i, image in enumerate(images):
+        pose_folder.write_image(f"{i:02d}.png", image)
+    pairs = zip(times, numbers, strict=True)
+    pose_folder.write_lines("groundtruth.txt", [f"{pose_format % t} {n}" for t, n in pairs])
+    lines = [f"{image_format % t} {i:02d}.png" for i, t in enumerate(times)]
+    pose_folder.write_lines("rgb.txt", lines)
+
+
+def test_images_that_share_a_rounded_stamp_are_told_with_what_it_costs(pose_folder):
+    fast(pose_folder, "%.6f", "%.1f")
+    with pytest.warns(ServoscopeWarning) as caught:
+        read_tum(pose_folder.path, TumOptions(reference="02.png", max_gap_s=0.05))
+    said = " ".join(str(warning.message) for warning in caught)
+    assert re.search("5[0-9] of 60 images share their stamp with another", said)
+    assert "steps of 0.1 s: if they were rounded, poses are up to 50 mm" in said
+
+
+@pytest.mark.parametrize("stamp", ["%.1f", "%g", "%.0f"])
+def test_poses_whose_stamps_were_rounded_together_are_refused(pose_folder, stamp):
+    fast(pose_folder, stamp, "%.6f")
+    assert "stamps stand for different poses" in refusal(pose_folder)
+
+
+def test_full_decimals_pass_silently(pose_folder):
+    fast(pose_folder, "%.4f", "%.6f")
+    assert len(read_tum(pose_folder.path, NAMED)) == 60
+
+
+def test_a_pose_that_jumps_faster_than_a_camera_can_be_moved_is_told(pose_folder):
+    fast(pose_folder, "%.4f", "%.6f")
+    rewrite(
+        pose_folder.path / "groundtruth.txt",
+        lambda lines: [
+            " ".join([line.split()[0], "0 9 0 0 0 0 1"]) if 20 <= i < 30 else line
+            for i, line in enumerate(lines)
+        ],
+    )
+    with pytest.warns(ServoscopeWarning) as caught:
+        read_tum(pose_folder.path, NAMED)
+    said = " ".join(str(warning.message) for warning in caught)
+    assert "The pose jumps 2 times, by up to 90" in said
+    assert "with a pose that stays while the image changes" in said
