@@ -1,13 +1,17 @@
+import os
 import shutil
+from unicodedata import normalize
 
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from servoscope import PoseImageSet
 from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.formats import ImportOptions, read_folder
 
+HEADER = "name,tx,ty,tz,qx,qy,qz,qw"
 NAMED = ImportOptions(reference="02.png")
 SKIP_BAD = ImportOptions(reference="02.png", skip_bad=True)
 
@@ -294,3 +298,193 @@ def test_colour_images_are_imported_grey(pose_folder):
         pose_folder.write_image(name, cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
     pose_folder.write_csv()
     np.testing.assert_array_equal(read_folder(pose_folder.path, NAMED).images, pose_folder.images)
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda fields: [fields[0], *[part for text in fields[1:] for part in text.split(".")]],
+        lambda fields: [fields[0], "7", *fields[1:]],
+        lambda fields: [*fields, "0.1"],
+    ],
+    ids=["decimal commas", "a cell too many", "a column without a name"],
+)
+def test_a_row_longer_than_the_header_is_refused_even_when_skipping(pose_folder, edit):
+    rows = pose_folder.rows(np.round(pose_folder.numbers, 4) + 0.001)
+    rows[3] = ",".join(edit(rows[3].split(",")))
+    pose_folder.write_csv(rows)
+    for options in (NAMED, SKIP_BAD):
+        message = refusal(pose_folder, options)
+        assert "line 5 has " in message
+        assert "but the header has 8 columns: decimal commas, or a comma too many?" in message
+
+
+def test_a_row_that_lacks_a_cell_before_those_that_are_read_is_refused(pose_folder):
+    rows = [f"{row},1,2" for row in pose_folder.rows()]
+    rows[3] = rows[3].replace("03.png,", "")  # all cells one to the left, and none empty
+    pose_folder.write_csv(rows, header="exposure,name,tx,ty,tz,qx,qy,qz,qw,gain,iso"[9:])
+    assert "line 5 has 9 cells, but the header has 10" in refusal(pose_folder)
+
+
+def test_commas_that_only_end_the_lines_are_no_harm(pose_folder):
+    pose_folder.write_csv([f"{row},," for row in pose_folder.rows()])
+    assert len(read_folder(pose_folder.path, NAMED)) == 6
+
+
+@pytest.mark.parametrize(
+    ("separator", "name"), [(";", "semicolons"), ("\t", "tabs"), ("|", "bars"), (" ", "spaces")]
+)
+def test_another_separator_is_named(pose_folder, separator, name):
+    rows = [row.replace(",", separator) for row in pose_folder.rows()]
+    pose_folder.write_csv(rows, header=HEADER.replace(",", separator))
+    assert f"it is divided by {name}, {separator!r}" in refusal(pose_folder)
+    pose_folder.write_csv(rows)
+    assert f"it is divided by {name}" in refusal(pose_folder)
+
+
+def test_a_decimal_comma_in_quotes_is_known_for_what_it_is(pose_folder):
+    rows = pose_folder.rows()
+    rows[3] = '03.png,"0,03",0,0,0,0,0,1'
+    pose_folder.write_csv(rows)
+    assert "tx must be a finite number, got '0,03'; write decimals with a point" in refusal(
+        pose_folder
+    )
+
+
+@pytest.mark.parametrize(
+    ("pose", "message"),
+    [
+        ("1e200,0,0,0,0,0,1", "the translation [1e+200, 0.0, 0.0] is in no room"),
+        ("0,0,0,1e200,0,0,1e200", "the quaternion [1e+200, 0.0, 0.0, 1e+200] is none"),
+        ("0,0,0,1e-200,0,0,0", "zero length"),
+        ("1_000,0,0,0,0,0,1", "tx must be a finite number, got '1_000'"),
+    ],
+)
+def test_numbers_beyond_all_sense_are_refused_by_line_or_skipped(pose_folder, pose, message):
+    rows = pose_folder.rows()
+    rows[3] = f"03.png,{pose}"
+    pose_folder.write_csv(rows)
+    assert message in refusal(pose_folder)
+    with pytest.warns(ServoscopeWarning, match=r"1 with an unusable pose \(03.png\)"):
+        assert len(read_folder(pose_folder.path, SKIP_BAD)) == 5
+
+
+@pytest.mark.parametrize(("on_disk", "in_table"), [("NFD", "NFC"), ("NFC", "NFD")])
+def test_names_are_found_in_either_unicode_form(pose_folder, on_disk, in_table):
+    name = "prüf/größe é.png"
+    pose_folder.write_image(normalize(on_disk, name), pose_folder.images[3])
+    rows = pose_folder.rows()
+    rows[3] = rows[3].replace("03.png", normalize(in_table, name))
+    pose_folder.write_csv(rows)
+    data = read_folder(pose_folder.path, ImportOptions(reference=normalize("NFD", name)))
+    np.testing.assert_array_equal(data.images, pose_folder.images)
+    assert data.names[3] == data.source["reference"] == normalize("NFC", name)
+
+
+def test_one_name_in_two_unicode_forms_is_named_twice(pose_folder):
+    rows = pose_folder.rows()
+    rows[2] = rows[2].replace("02.png", normalize("NFC", "é.png"))
+    rows[3] = rows[3].replace("03.png", normalize("NFD", "é.png"))
+    pose_folder.write_csv(rows)
+    assert "more than once" in refusal(pose_folder, ImportOptions())
+
+
+# Images that show nothing
+
+
+def spoil(pose_folder, **by_kind):
+    levels = {"black": 0, "saturated": 255, "flat": 90}
+    for kind, i in by_kind.items():
+        image = pose_folder.images[0] if kind == "repeated" else np.full((12, 16), levels[kind])
+        pose_folder.write_image(f"{i:02d}.png", image.astype(np.uint8))
+    pose_folder.write_csv()
+
+
+def test_images_that_show_nothing_are_counted_and_named_or_left_out(pose_folder):
+    spoil(pose_folder, black=1, saturated=3, flat=4, repeated=5)
+    words = r"1 black \(01.png\), 1 saturated \(03.png\), 1 flat \(04.png\), 1 repeated \(05.png\)"
+    with pytest.warns(ServoscopeWarning, match=f"of 6 images {words}; leave them out"):
+        assert len(read_folder(pose_folder.path, NAMED)) == 6
+    with pytest.warns(ServoscopeWarning, match=f"2 frames kept; left out: {words}"):
+        data = read_folder(pose_folder.path, SKIP_BAD)
+    assert data.names == ["00.png", "02.png"]
+    assert data.source["dropped"] == dict.fromkeys(("black", "saturated", "flat", "repeated"), 1)
+    np.testing.assert_array_equal(data.images, pose_folder.images[[0, 2]])
+
+
+@pytest.mark.parametrize("options", [NAMED, SKIP_BAD])
+def test_a_named_reference_that_shows_nothing_is_refused(pose_folder, options):
+    spoil(pose_folder, black=2)
+    assert "the reference 02.png is black; name another" in refusal(pose_folder, options)
+
+
+def test_a_chosen_reference_that_shows_nothing_gives_way_to_another(pose_folder):
+    pose_folder.write_csv()
+    with pytest.warns(ServoscopeWarning, match="far from the reference"):
+        chosen = read_folder(pose_folder.path, ImportOptions(max_mm=15)).source["reference"]
+    spoil(pose_folder, flat=int(chosen[:2]))
+    assert f"the reference {chosen} is flat" in refusal(pose_folder, ImportOptions(max_mm=15))
+    with pytest.warns(ServoscopeWarning, match=rf"1 flat \({chosen}\)"):
+        data = read_folder(pose_folder.path, ImportOptions(max_mm=15, skip_bad=True))
+    assert chosen not in [*data.names, data.source["reference"]]
+
+
+# Poses that a tracker held
+
+
+@pytest.mark.parametrize("held", [[0, 0, 0, 0, 0, 0, 1], None], ids=["identity", "last pose"])
+def test_one_pose_for_images_that_differ_is_told_or_left_out(pose_folder, held):
+    numbers = pose_folder.numbers
+    numbers[3:] = numbers[3] if held is None else held
+    pose_folder.write_csv(pose_folder.rows(numbers))
+    words = r"3 with a pose that stays while the image changes \(03.png, 04.png, 05.png\)"
+    options = {"reference": "01.png"}
+    with pytest.warns(ServoscopeWarning, match=words):
+        read_folder(pose_folder.path, ImportOptions(**options))
+    with pytest.warns(ServoscopeWarning, match=words):
+        data = read_folder(pose_folder.path, ImportOptions(skip_bad=True, **options))
+    assert data.names == ["00.png", "01.png", "02.png"]
+
+
+def test_repeated_shots_of_one_pose_are_no_fault(pose_folder, rng):
+    numbers = pose_folder.numbers
+    numbers[3:] = numbers[3]
+    for i in (4, 5):
+        noisy = pose_folder.images[3].astype(int) + rng.integers(-9, 10, (12, 16))
+        pose_folder.write_image(f"{i:02d}.png", np.clip(noisy, 0, 255).astype(np.uint8))
+    pose_folder.write_csv(pose_folder.rows(numbers))
+    assert len(read_folder(pose_folder.path, NAMED)) == 6
+
+
+# Units and angles
+
+
+def test_ranges_that_the_part_does_not_allow_are_told_with_units(pose_folder):
+    pose_folder.write_csv(pose_folder.rows(pose_folder.numbers * [1000, 1, 1, 1, 1, 1, 1]))
+    with pytest.warns(ServoscopeWarning, match=r"up to 30000 mm .* part is .* 550 mm .*--units mm"):
+        read_folder(pose_folder.path, NAMED)
+    pose_folder.write_csv(pose_folder.rows(pose_folder.numbers * [0.01, 1, 1, 1, 1, 1, 1]))
+    with pytest.warns(ServoscopeWarning, match=r"within 0.0003 mm .* --units m\."):
+        read_folder(pose_folder.path, ImportOptions(reference="02.png", units="mm"))
+
+
+def test_angles_that_wrap_are_told(pose_folder):
+    degrees = np.outer([0, 10, 0, 170, 185, 200], [0, 0, 1])
+    pose_folder.quaternions = Rotation.from_rotvec(np.radians(degrees)).as_quat()
+    pose_folder.write_csv()
+    with pytest.warns(ServoscopeWarning, match=r"rz wrap at 180 deg \(-175.0 to 170.0 deg\)"):
+        read_folder(pose_folder.path, NAMED)
+
+
+# Things that are no files
+
+
+@pytest.mark.parametrize("name", ["poses.csv", "03.png"])
+def test_pipes_and_folders_are_refused_without_waiting(pose_folder, name):
+    pose_folder.write_csv()
+    (pose_folder.path / name).unlink()
+    os.mkfifo(pose_folder.path / name)
+    assert f"{name} must be a file, but is a pipe" in refusal(pose_folder)
+    (pose_folder.path / name).unlink()
+    (pose_folder.path / name).mkdir()
+    assert f"{name} must be a file, but is a folder" in refusal(pose_folder)

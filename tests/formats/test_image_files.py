@@ -1,9 +1,12 @@
+from contextlib import nullcontext
+
 import cv2
 import numpy as np
 import pytest
 from PIL import Image
 
-from servoscope.errors import DataSetError
+from servoscope.errors import DataSetError, ServoscopeWarning
+from servoscope.formats import ImportOptions, read_folder
 from servoscope.formats.images import read_grey, read_stack, which_readable
 
 
@@ -117,3 +120,65 @@ def test_a_stack_keeps_the_order_and_says_which_file_failed(tmp_path, rng):
     assert brightest == images[good].max()
     assert done == list(range(1, 41))
     assert np.flatnonzero(~which_readable(paths)).tolist() == [7]
+
+
+def write_sixteen(folder, values):
+    for i, image in enumerate(values):
+        cv2.imwrite(str(folder / f"{i:02d}.png"), image)
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 14, 16])
+@pytest.mark.parametrize("colour", [False, True])
+def test_the_bits_that_16_bit_files_fill_are_kept_and_told(pose_folder, bits, colour):
+    levels = pose_folder.images.astype(np.uint16) << (bits - 8)
+    levels[0, 0, 0] = 2**bits - 1
+    write_sixteen(pose_folder.path, np.repeat(levels[..., None], 3, -1) if colour else levels)
+    pose_folder.write_csv()
+    says = pytest.warns(ServoscopeWarning, match=f"{2**bits - 1} were taken to fill {bits} bits")
+    with says if bits < 16 else nullcontext():
+        data = read_folder(pose_folder.path)
+    np.testing.assert_array_equal(data.images, levels >> (bits - 8))
+    assert data.source["bit_depth"] == bits
+    chosen = pose_folder.names.index(data.source["reference"])
+    np.testing.assert_array_equal(data.reference_image, levels[chosen] >> (bits - 8))
+
+
+def test_the_largest_level_of_all_images_decides_before_they_are_shrunk(pose_folder):
+    levels = pose_folder.images.astype(np.uint16)
+    levels[5, 3, 3] = 4000
+    write_sixteen(pose_folder.path, levels)
+    pose_folder.write_csv()
+    with pytest.warns(ServoscopeWarning) as caught:
+        data = read_folder(pose_folder.path, ImportOptions(image_width=8))
+    assert "largest grey level is 4000 were taken to fill 12 bits" in str(caught[0].message)
+    assert data.images.max() < 4000 / 16 / 2
+
+
+def test_a_bit_depth_that_is_given_is_taken_in_silence_or_refused(pose_folder):
+    write_sixteen(pose_folder.path, pose_folder.images.astype(np.uint16) << 2)
+    pose_folder.write_csv()
+    data = read_folder(pose_folder.path, ImportOptions(bit_depth=12))
+    np.testing.assert_array_equal(data.images, pose_folder.images >> 2)
+    with pytest.raises(DataSetError, match=r"largest grey level is 1020, which 9 bits .*depth 10"):
+        read_folder(pose_folder.path, ImportOptions(bit_depth=9))
+
+
+def test_a_bit_depth_for_8_bit_files_is_refused(pose_folder):
+    pose_folder.write_csv()
+    with pytest.raises(DataSetError, match="its images are of 8 bits, so that --bit-depth 12"):
+        read_folder(pose_folder.path, ImportOptions(bit_depth=12))
+
+
+def test_files_of_8_and_of_16_bits_are_not_mixed(pose_folder):
+    pose_folder.write_image("03.png", pose_folder.images[3].astype(np.uint16) << 8)
+    pose_folder.write_csv()
+    with pytest.raises(DataSetError, match=r"03\.png is of uint16, but the reference .* of uint8"):
+        read_folder(pose_folder.path, ImportOptions(reference="02.png"))
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+def test_colour_of_sixteen_bits_becomes_luma_as_opencv_computes_it(tmp_path, rng, suffix):
+    bgr = rng.integers(0, 65536, (20, 30, 3), dtype=np.uint16)
+    cv2.imwrite(str(tmp_path / f"a.{suffix}"), bgr)
+    expected = cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY) >> 8
+    np.testing.assert_array_equal(read_grey(tmp_path / f"a.{suffix}"), expected)

@@ -15,6 +15,7 @@ from servoscope.formats import FORMATS, ImportOptions, TumOptions
         ({"max_deg": float("nan")}, "max_deg must be a finite number above 0"),
         ({"pivot_mm": float("inf")}, "pivot_mm must be a finite number not below 0"),
         ({"image_width": 0}, "image_width must be a finite number above 0"),
+        ({"bit_depth": 7}, "bit_depth must be from 8 to 16, got 7"),
         ({"reference_index": -1}, "reference_index must be a finite number not below 0"),
         ({"reference": "a.png", "reference_index": 1}, "not both"),
     ],

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from servoscope.errors import DataSetError
+from servoscope.formats import neighbourhood
 from servoscope.formats.frames import Frames
 from servoscope.formats.neighbourhood import choose_reference, most_neighbours, near_reference
 from servoscope.formats.options import ImportOptions
@@ -56,6 +57,38 @@ def test_counts_agree_with_the_limits_that_are_applied(rng):
     counts = [near_reference(frames, i, 150, 20).sum() for i in range(700)]
     assert counts[best] == max(counts)
     assert best == int(np.argmax(counts))
+
+
+@pytest.mark.parametrize("kind", ["cloud", "clusters", "one pose"])
+def test_of_many_frames_the_reference_is_that_of_all_pairs(monkeypatch, kind):
+    rng, n = np.random.default_rng(3), 2500
+    spread = {"cloud": 1.0, "clusters": 0.02, "one pose": 0.0}[kind]
+    centres = rng.normal(0, 30, (5 if spread else 1, 6))[rng.integers(0, 5 if spread else 1, n)]
+    numbers = (centres if spread < 1 else 0) + spread * rng.normal(0, 30, (n, 6))
+    R = Rotation.from_rotvec(np.radians(numbers[:, 3:])).as_matrix()
+    T = rigid_transform(R, 1e-3 * numbers[:, :3])
+    for limits in ((None, None), (30, 15)):
+        monkeypatch.setattr(neighbourhood, "_SAMPLES", (200, 800))
+        sampled = most_neighbours(T, *limits)
+        monkeypatch.setattr(neighbourhood, "_SAMPLES", ())
+        assert sampled == most_neighbours(T, *limits)
+
+
+def test_the_time_of_the_choice_does_not_grow_with_the_pairs(monkeypatch, rng):
+    pairs = []
+    count = neighbourhood._count_pairs
+
+    def counted(a, b, *limits):
+        pairs.append(len(a) * len(b))
+        return count(a, b, *limits)
+
+    monkeypatch.setattr(neighbourhood, "_count_pairs", counted)
+    monkeypatch.setattr(neighbourhood, "_SAMPLES", (100, 400))
+    monkeypatch.setattr(neighbourhood, "_MOST_PAIRS", 10**6)
+    for n in (4000, 8000):
+        most_neighbours(rigid_transform(np.eye(3), rng.normal(0, 0.03, (n, 3))), None, None)
+        assert sum(pairs) <= 100 * n + 2 * 10**6
+        pairs.clear()
 
 
 @pytest.mark.parametrize("name", ["left/1.png", "1.png"])

@@ -114,7 +114,7 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
             )
         if 0 < brightest <= 1 and flat.max() > CERTAINLY_LEVELS:
             raise InvalidInputError(
-                f"The images have grey levels up to {flat.max():g}, but those of fit went from 0 to "
+                f"The images have grey levels up to {flat.max():g}, but those of fit up to "
                 f"{brightest:g}; divide them by 255."
             )
         return flat if scale == 1.0 else flat * scale
