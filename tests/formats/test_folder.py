@@ -420,13 +420,22 @@ def test_a_named_reference_that_shows_nothing_is_refused(pose_folder, options):
 
 def test_a_chosen_reference_that_shows_nothing_gives_way_to_another(pose_folder):
     pose_folder.write_csv()
-    with pytest.warns(ServoscopeWarning, match="far from the reference"):
-        chosen = read_folder(pose_folder.path, ImportOptions(max_mm=15)).source["reference"]
+    chosen = read_folder(pose_folder.path).source["reference"]
     spoil(pose_folder, flat=int(chosen[:2]))
-    assert f"the reference {chosen} is flat" in refusal(pose_folder, ImportOptions(max_mm=15))
-    with pytest.warns(ServoscopeWarning, match=rf"1 flat \({chosen}\)"):
-        data = read_folder(pose_folder.path, ImportOptions(max_mm=15, skip_bad=True))
-    assert chosen not in [*data.names, data.source["reference"]]
+    for skip_bad in (False, True):
+        with pytest.warns(ServoscopeWarning, match=rf"1 flat \({chosen}\)"):
+            data = read_folder(pose_folder.path, ImportOptions(skip_bad=skip_bad))
+        assert data.source["reference"] != chosen
+        assert (chosen in data.names) != skip_bad
+
+
+def test_a_folder_that_shows_nothing_is_refused(pose_folder):
+    for name in pose_folder.names:
+        pose_folder.write_image(name, np.zeros((12, 16), np.uint8))
+    pose_folder.write_csv()
+    for skip_bad in (False, True):
+        message = refusal(pose_folder, ImportOptions(skip_bad=skip_bad))
+        assert "none of 6 images can be the reference: they are black" in message
 
 
 # Poses that a tracker held

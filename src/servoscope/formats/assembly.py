@@ -63,29 +63,30 @@ def assemble_data_set(
     ServoscopeWarning
         If anything was left out, with counts and reasons, or images or poses cannot be right.
     """
-    split = _choose_split(frames, options)
-    frames, reference, levels, brightest = _take_reference(frames, options, drops)
-    near = near_reference(frames, reference, options.max_mm, options.max_deg)
-    near_frames, far_drops = frames.take(near), frames.take(~near).names
-    kept, stack, largest = _read_images(near_frames, levels, options, drops, on_progress)
-    bits = _filled_bits(levels, max(brightest, largest), frames.folder, options)
-    images, reference_image = to_eight_bits(stack, bits), to_eight_bits(levels[None], bits)[0]
-    reference_name = frames.names[reference]
-    faults = image_faults(images, kept.T_world_cam) | {HELD_POSE: held_poses(images, kept)}
-    _check_reference(kept, reference_name, faults, options)
-    if options.skip_bad and (bad := np.any(list(faults.values()), axis=0)).any():
+    split, unfit = _choose_split(frames, options), np.array([], dtype=str)
+    while True:
+        frames, reference, levels, brightest = _take_reference(frames, unfit, options, drops)
+        near = near_reference(frames, reference, options.max_mm, options.max_deg)
+        kept, stack, largest = _read_images(frames.take(near), levels, options, drops, on_progress)
+        bits = _filled_bits(levels, max(brightest, largest), frames.folder, options)
+        images, reference_image = to_eight_bits(stack, bits), to_eight_bits(levels[None], bits)[0]
+        faults = image_faults(images, kept.T_world_cam) | {HELD_POSE: held_poses(images, kept)}
+        if _is_fit(frames.names[reference], kept, faults, options):
+            break
+        bad = np.any(list(faults.values()), axis=0)
+        unfit = np.union1d(unfit, kept.take(bad).names)
+    reference_name, far_names = frames.names[reference], frames.take(~near).names
+    if options.skip_bad:
         for reason, is_bad in faults.items():
             drops.add(reason, kept.take(is_bad).names)
-        if reference_name in set(kept.take(bad).names):  # it was chosen: choose another
-            left = ~np.isin(frames.names, kept.take(bad).names)
-            return assemble_data_set(frames.take(left), options, drops, format_name, on_progress)
-        kept, images = kept.take(~bad), images[~bad]
+        sound = ~np.any(list(faults.values()), axis=0)
+        kept, images = kept.take(sound), images[sound]
         _check_enough(kept, drops)
-    drops.add(FAR, far_drops)
+    elif found := fault_words(faults, kept.names):
+        _warn(f"{kept.folder}: of {len(kept)} images {found}; leave them out with --skip-bad.")
+    drops.add(FAR, far_names)
     if drops.counts():
         _warn(f"{kept.folder}: {len(kept)} frames kept; left out: {drops}.")
-    if not options.skip_bad and (found := fault_words(faults, kept.names)):
-        _warn(f"{kept.folder}: of {len(kept)} images {found}; leave them out with --skip-bad.")
     data = PoseImageSet(
         images=images,
         T_world_cam=kept.T_world_cam,
@@ -125,18 +126,18 @@ def _filled_bits(levels: GreyLevels, brightest: int, folder: Path, options: Impo
     return 8
 
 
-def _check_reference(
-    frames: Frames, name: str, faults: dict[str, NDArray[np.bool_]], options: ImportOptions
-) -> None:
-    """Check that the reference shows something, unless another can be chosen."""
-    if options.skip_bad and not options.names_reference:
-        return
-    for reason in ("black", "saturated", "flat"):
-        if name in frames.take(faults[reason]).names:
-            raise DataSetError(
-                f"{frames.folder}: the reference {name} is {reason}; name another with "
-                "--reference, or leave such images out with --skip-bad."
-            )
+def _is_fit(
+    name: str, frames: Frames, faults: dict[str, NDArray[np.bool_]], options: ImportOptions
+) -> bool:
+    """Whether a frame can be the reference; one that the user named must be, or is refused."""
+    found = [reason for reason, is_bad in faults.items() if name in frames.take(is_bad).names]
+    if not found or not options.names_reference:
+        return not found
+    if not options.skip_bad and found[0] not in ("black", "saturated", "flat"):
+        return True
+    raise DataSetError(
+        f"{frames.folder}: the reference {name} is {found[0]}; name another with --reference."
+    )
 
 
 def _too_near(data: PoseImageSet, options: ImportOptions) -> list[str]:
@@ -162,18 +163,24 @@ def _choose_split(frames: Frames, options: ImportOptions) -> str:
 
 
 def _take_reference(
-    frames: Frames, options: ImportOptions, drops: Drops
+    frames: Frames, unfit: NDArray[np.str_], options: ImportOptions, drops: Drops
 ) -> tuple[Frames, int, GreyLevels, int]:
     """The frames, the position of the reference among them, its grey levels and the largest."""
     _check_enough(frames, drops)
-    reference = choose_reference(frames, options)
+    fit = np.flatnonzero(~np.isin(frames.names, unfit))
+    if not fit.size:
+        raise DataSetError(
+            f"{frames.folder}: none of {len(frames)} images can be the reference: they are black, "
+            "saturated, flat or repeated, or their poses stay; check the camera."
+        )
+    reference = int(fit[choose_reference(frames.at(fit), options)])
     try:
         return frames, reference, *read_levels(frames.paths[reference], options.image_width)
     except DataSetError:
         if options.names_reference or not options.skip_bad:
             raise
     frames = _keep(frames, which_readable(frames.paths), BAD_IMAGE, drops)
-    return _take_reference(frames, options, drops)
+    return _take_reference(frames, unfit, options, drops)
 
 
 def _read_images(

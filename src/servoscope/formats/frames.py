@@ -49,12 +49,16 @@ class Frames:
 
     def take(self, kept: NDArray[np.bool_]) -> Frames:
         """The frames where `kept` is true."""
+        return self.at(np.flatnonzero(kept))
+
+    def at(self, places: NDArray[np.intp]) -> Frames:
+        """The frames at these places."""
         return Frames(
             self.folder,
-            [name for name, keep in zip(self.names, kept, strict=True) if keep],
-            self.numbers[kept],
-            self.T_world_cam[kept],
-            None if self.times is None else self.times[kept],
+            [self.names[place] for place in places],
+            self.numbers[places],
+            self.T_world_cam[places],
+            None if self.times is None else self.times[places],
         )
 
 

@@ -31,7 +31,7 @@ from servoscope.positioning.model_arrays import (
     read_table,
     write_arrays,
 )
-from servoscope.storage.reading import read_json
+from servoscope.storage.reading import parse_json, read_bytes
 
 VERSION = 1
 FORMAT = "servoscope model"
@@ -232,7 +232,10 @@ def _is_ours(path: Path) -> bool:
 def _read_json(path: Path) -> dict[str, Any]:
     """A JSON object; raises OSError or ValueError if there is none."""
     _check_regular(path)
-    return read_json(path, ValueError, LARGEST_JSON)
+    values = parse_json(read_bytes(path, ValueError, LARGEST_JSON))
+    if not isinstance(values, dict):
+        raise ValueError(f"it must hold a JSON object, got a {type(values).__name__}")
+    return values
 
 
 def _check_regular(path: Path) -> None:
