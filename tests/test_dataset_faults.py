@@ -84,6 +84,12 @@ def test_cameras_farther_from_the_reference_than_the_part_are_told(largest, told
     assert all(f"up to {largest} mm" in text and "--units mm" in text for text in texts)
 
 
+def test_a_set_of_one_pose_is_told():
+    assert pose_warnings(data_set(poses(0, 0, 0))) == [
+        "All images have one pose: nothing can be learned from them."
+    ]
+
+
 def test_half_the_cameras_beyond_twice_the_part_are_told():
     assert pose_warnings(data_set(poses(0, 0, 1100, 1100, 1100)))
 

@@ -105,6 +105,8 @@ def pose_warnings(data: PoseImageSet) -> list[str]:
     comes near 90 degrees: such targets cannot be learned.
     """
     texts = []
+    if len(data) > 1 and not data.moves().any():
+        texts.append("All images have one pose: nothing can be learned from them.")
     mm = 1e3 * pose_error(data.T_world_ref, data.T_world_cam)[0]
     part_mm = 1e3 * max(abs(data.pivot), 0.25)
     if mm.max() > FAR_IN_PIVOTS * part_mm or np.median(mm) > MEDIAN_FAR_IN_PIVOTS * part_mm:

@@ -89,7 +89,7 @@ def test_a_truncated_file_is_refused_by_name(tmp_path, grey, suffix, share):
 
 def test_a_text_file_is_refused_by_name(tmp_path):
     (tmp_path / "a.png").write_text("version https://git-lfs.example\n")
-    with pytest.raises(DataSetError, match=r"a\.png is not a whole image \(cannot identify"):
+    with pytest.raises(DataSetError, match=r"a\.png is not a whole image \(it is none of PNG"):
         read_grey(tmp_path / "a.png")
 
 

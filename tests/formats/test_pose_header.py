@@ -11,12 +11,18 @@ SCALAR_LAST = [
     "# stamp pose.position.x pose.position.y pose.position.z pose.orientation.x "
     "pose.orientation.y pose.orientation.z pose.orientation.w",
     "# t x y z x y z w",
+    "# quaternions as xyzw",
 ]
 SCALAR_FIRST = [
     "# timestamp tx ty tz qw qx qy qz",
     "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], "
     "q_RS_z [], v_RS_R_x [m s^-1]",
     "# TX TY TZ QW QX QY QZ",
+    "% timestamp | tx | ty | tz | qw | qx | qy | qz",
+    "// timestamp translation(x y z) quaternion(w x y z)",
+    "# timestamp tx ty tz (qw qx qy qz)",
+    "# quaternion order: wxyz",
+    "# quaternions: qw, qx, qy, qz",
     "timestamp tx(m) ty(m) tz(m) q_w q_x q_y q_z",
 ]
 NO_HEADER = [

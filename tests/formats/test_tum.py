@@ -101,7 +101,7 @@ def test_an_unusable_pose_is_refused_by_line_or_skipped_and_counted(pose_folder,
         ("rgb.txt", "soon 00.png\n", "line 1: timestamp must be a finite number"),
         ("rgb.txt", "1 ../x.png\n", "line 1: '../x.png' leads out of the folder"),
         ("rgb.txt", "1 00.png\n2 00.png\n", "rgb.txt names 00.png more than once"),
-        ("rgb.txt", "100 00.png\n", "1 image with a pose"),
+        ("rgb.txt", "100.000 00.png\n", "1 image with a pose"),
         ("groundtruth.txt", "# nothing\n", "groundtruth.txt holds no pose"),
     ],
 )

@@ -23,13 +23,18 @@ def read_all_lines(path, error):
     return list(read_lines(path, error))
 
 
+def open_whole_image(path, error):
+    with open_image(path, error) as image:
+        return image.size
+
+
 def refused(read, match):
     with pytest.raises(DataSetError, match=match) as caught:
         read()
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("read", [read_bytes, read_all_lines, read_json, open_image])
+@pytest.mark.parametrize("read", [read_bytes, read_all_lines, read_json, open_whole_image])
 def test_what_is_no_file_is_refused_without_being_waited_for(tmp_path, read):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "folder").mkdir()
@@ -102,7 +107,12 @@ def test_an_image_is_not_decoded_if_it_declares_too_many_pixels(tmp_path, side):
     content[16:24] = struct.pack(">II", side, side)
     content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
     (tmp_path / "a.png").write_bytes(content)
-    refused(lambda: open_image(tmp_path / "a.png", DataSetError), "more than 67108864 pixels")
+    refused(lambda: open_whole_image(tmp_path / "a.png", DataSetError), "more than 67108864 pixels")
+
+
+def test_pictures_that_other_programs_would_draw_are_refused(tmp_path):
+    Image.new("L", (2, 2)).save(tmp_path / "a.eps")
+    refused(lambda: open_whole_image(tmp_path / "a.eps", DataSetError), "is none of PNG, JPEG")
 
 
 def test_a_grey_image_must_have_the_size_that_is_wanted(tmp_path):

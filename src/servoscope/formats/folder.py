@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
+from array import array
+from collections.abc import Callable, Iterator
 from os import PathLike
 from pathlib import Path
 from reprlib import repr as brief
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -77,24 +78,30 @@ def read_folder(
 
 def _read_frames(folder: Path, options: ImportOptions, drops: Drops) -> Frames:
     path = folder / "poses.csv"
-    columns, rows = _read_rows(path, skip_bad=options.skip_bad)
-    names = [relative_name(cells[0], where) if cells else Path(where).name for where, cells in rows]
+    reader = csv.reader(read_lines(path, DataSetError, newline=""))
+    names, usable, numbers = [], [], array("d")
+    try:
+        header = [column.strip().lower() for column in next(reader, [])]
+        columns = _check_header(header, path)
+        for where, cells in _read_rows(reader, header, columns, path, options):
+            names.append(relative_name(cells[0], where) if cells else Path(where).name)
+            usable.append(len(cells) == len(columns))
+            if not usable[-1]:
+                continue
+            try:
+                row = parse_pose(cells[1:8], POSE_COLUMNS, where, options.units)
+                row += parse_numbers(cells[8:], columns[8:], where)
+            except DataSetError:
+                if not options.skip_bad:
+                    raise
+                usable[-1] = False
+                continue
+            numbers.extend(row)
+    except csv.Error as error:
+        raise DataSetError(f"{path}, line {reader.line_num}: not CSV ({error}).") from error
     check_names_differ(names, path)
-    numbers, usable = [], np.zeros(len(rows), dtype=bool)
-    for i, (where, cells) in enumerate(rows):
-        if len(cells) < len(columns):
-            continue
-        try:
-            pose = parse_pose(cells[1:8], POSE_COLUMNS, where, options.units)
-            time = parse_numbers(cells[8:], columns[8:], where)
-        except DataSetError:
-            if not options.skip_bad:
-                raise
-            continue
-        usable[i] = True
-        numbers.append(pose + time)
     drops.add(BAD_POSE, [name for name, use in zip(names, usable, strict=True) if not use])
-    table = np.array(numbers, dtype=float).reshape(-1, len(columns) - 1)
+    table = np.array(numbers).reshape(-1, len(columns) - 1)
     return Frames(
         folder=folder,
         names=[name for name, use in zip(names, usable, strict=True) if use],
@@ -106,32 +113,24 @@ def _read_frames(folder: Path, options: ImportOptions, drops: Drops) -> Frames:
     )
 
 
-def _read_rows(path: Path, *, skip_bad: bool) -> tuple[list[str], list[tuple[str, list[str]]]]:
-    """The columns that are read, and of each row where it stands and their cells.
+def _read_rows(
+    reader: Any, header: list[str], columns: list[str], path: Path, options: ImportOptions
+) -> Iterator[tuple[str, list[str]]]:
+    """Where each row stands, and its cells in the order of `columns`.
 
     In a row of another length than the header's, cells would stand under wrong names. One that is
     too short may be left out: of it the name comes back alone, or nothing.
     """
-    reader = csv.reader(read_lines(path, DataSetError, newline=""))
-    try:
-        header = [column.strip().lower() for column in next(reader, [])]
-        columns = _check_header(header, path)
-        places = [header.index(column) for column in columns]
-        rows = []
-        for row in reader:
-            where = f"{path}, line {reader.line_num}"
-            if not row:
-                continue
-            while len(row) > len(header) and not row[-1].strip():
-                row.pop()
-            if len(row) > len(header) or (len(row) < len(header) and not skip_bad):
-                _refuse_length(row, header, where)
-            is_whole = len(row) == len(header)
-            used = places if is_whole else places[:1]
-            rows.append((where, [row[place] for place in used if place < len(row)]))
-        return columns, rows
-    except csv.Error as error:
-        raise DataSetError(f"{path}, line {reader.line_num}: not CSV ({error}).") from error
+    places = [header.index(column) for column in columns]
+    for row in reader:
+        where = f"{path}, line {reader.line_num}"
+        while len(row) > len(header) and not row[-1].strip():
+            row.pop()
+        if len(row) > len(header) or (0 < len(row) < len(header) and not options.skip_bad):
+            _refuse_length(row, header, where)
+        if row:
+            used = places if len(row) == len(header) else places[:1]
+            yield where, [row[place] for place in used if place < len(row)]
 
 
 def _refuse_length(row: list[str], header: list[str], where: str) -> NoReturn:

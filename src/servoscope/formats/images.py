@@ -181,7 +181,7 @@ def _grey(image: Image.Image, path: Path) -> GreyLevels:
 
 def _luma_of_sixteen_bits(path: Path) -> NDArray[np.uint16]:
     """Luma of a colour image of 16 bits, of which Pillow keeps the upper eight only."""
-    content = np.frombuffer(read_bytes(path, DataSetError), np.uint8)
+    content = np.frombuffer(read_bytes(path, DataSetError, 8 * LARGEST_IMAGE), np.uint8)
     values = cv2.imdecode(content, cv2.IMREAD_UNCHANGED)
     if values is None or values.dtype != np.uint16 or values.ndim != 3:
         raise ValueError("colour of 16 bits that cannot be read, save it grey")

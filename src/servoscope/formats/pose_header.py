@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import re
-from itertools import groupby
 
 from servoscope.errors import DataSetError
 
-_UNIT = re.compile(r"[\[(][^\])]*[\])]")
-_AXIS = re.compile(r"(?:[\w./]*[_./])?[a-z]{0,2}([wxyz])")
-_N_NUMBERS = 7
+_AXIS = re.compile(r"(?:[\w./]*[_./])?(?:[tpqr]|pos|quat|rot)?([wxyz])")
+_PART_OF_QUATERNION = re.compile(r"q\w*[wxyz]")
+_ORDERS = ("xyzw", "wxyz")
 
 
 def check_pose_header(line: str, quaternion_order: str, where: str) -> None:
     """Check that column names, if a line holds them, do not contradict what is read.
 
     Names such as ``tx``, ``q_w``, ``pose.orientation.x`` or ``q_RS_w []`` are known by the axis
-    that they end with.
+    that they end with. A line holds names if it has seven of them, four of a quaternion, or the
+    word ``xyzw`` or ``wxyz``.
 
     Raises
     ------
@@ -27,23 +27,23 @@ def check_pose_header(line: str, quaternion_order: str, where: str) -> None:
     --------
     >>> check_pose_header("# timestamp tx ty tz qx qy qz qw", "xyzw", "groundtruth.txt, line 1")
     """
-    axes = [_AXIS.fullmatch(name) for name in _names(line)]
-    for is_axes, run in groupby(axes, bool):
-        found = [match for match in run if match][:_N_NUMBERS]
-        letters = "".join(match[1] for match in found)
-        if not is_axes or sorted(letters) != sorted("xyzwxyz"):
-            continue
-        if letters == "xyz" + quaternion_order:
-            return
-        names = " ".join(match[0] for match in found)
-        is_other = letters == "xyz" + {"xyzw": "wxyz", "wxyz": "xyzw"}[quaternion_order]
-        order = "wxyz" if quaternion_order == "xyzw" else "xyzw"
-        advice = f"say --quaternion-order {order}" if is_other else "put the columns in that order"
-        raise DataSetError(
-            f"{where}: the columns are called {names!r}, but are read as tx ty tz and a quaternion "
-            f"{quaternion_order}; {advice}, or mend the line."
-        )
-
-
-def _names(line: str) -> list[str]:
-    return re.split(r"[\s,;]+", _UNIT.sub(" ", line.lower().lstrip("# ")).strip())
+    words = re.split(r"[\s,;|:=()\[\]]+", line.lower().lstrip("#%/ "))
+    names = [word for word in words if _AXIS.fullmatch(word)][:7]
+    letters = "".join(name[-1] for name in names)
+    if sorted(letters) == sorted("xyzwxyz"):
+        is_as_read = letters == "xyz" + quaternion_order
+        order = letters[3:] if letters.startswith("xyz") else ""
+    else:
+        names = [word for word in words if _PART_OF_QUATERNION.fullmatch(word)]
+        names = names if len(names) == 4 else [word for word in words if word in _ORDERS][:1]
+        order = "".join(name[-1] for name in names) if len(names) == 4 else "".join(names)
+        is_as_read = order == quaternion_order or sorted(order) != sorted("wxyz")
+    if is_as_read:
+        return
+    advice = "put the columns in that order"
+    if order in _ORDERS:
+        advice = f"say --quaternion-order {order}"
+    raise DataSetError(
+        f"{where}: the columns are called {' '.join(names)!r}, but are read as tx ty tz and a "
+        f"quaternion {quaternion_order}; {advice}, or mend the line."
+    )

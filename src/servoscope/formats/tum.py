@@ -134,11 +134,10 @@ def read_tum(
             f"{options.max_gap_s:g} s (the least gap is {gaps.min():.6g} s); check that both count "
             "seconds from the same moment, or raise --max-gap-s."
         )
-    drops.add(NO_POSE, frames.take(~paired).names)
-    data = assemble_data_set(frames.take(paired), options, drops, "tum", on_progress)
     for text in stamp_warnings(trajectory, times[paired], max(image_step, pose_step)):
         warnings.warn(f"{folder}: {text}", ServoscopeWarning, stacklevel=2)
-    return data
+    drops.add(NO_POSE, frames.take(~paired).names)
+    return assemble_data_set(frames.take(paired), options, drops, "tum", on_progress)
 
 
 def _read_image_list(path: Path) -> tuple[list[str], np.ndarray, float]:

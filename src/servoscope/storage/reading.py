@@ -14,13 +14,14 @@ import os
 import stat
 import warnings
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 LARGEST_FILE = 2 * 2**30
 """Most bytes of a file whose format has no limit of its own."""
@@ -39,6 +40,9 @@ LONGEST_LINE = 2**16
 
 LARGEST_IMAGE = 2**26
 """Most pixels of an image."""
+
+IMAGE_FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "PPM", "WEBP", "GIF", "JPEG2000", "TGA")
+"""Formats of images that are decoded: those that run no other program."""
 
 MOST_DIGITS = 40
 """Most digits of an integer in JSON."""
@@ -170,30 +174,40 @@ def parse_json(content: bytes) -> Any:
     raise ValueError(f"it is nested deeper than {MOST_NESTED}")
 
 
-def open_image(path: Path, error: type[Exception], most: int = LARGEST_IMAGE) -> Image.Image:
+@contextmanager
+def open_image(
+    path: Path, error: type[Exception], most: int = LARGEST_IMAGE
+) -> Iterator[Image.Image]:
     """An image that is not decoded yet, whose header declares at most `most` pixels.
 
     Raises
     ------
     error
-        As `read_bytes`, or if the file is no image or declares more pixels.
+        As `read_bytes`, or if the file is no image of `IMAGE_FORMATS` or declares more pixels.
     """
-    content = read_bytes(path, error)
+    check_regular(path, error)
     try:
-        # Pillow warns of large images by itself, and its filters belong to all threads.
-        with _FILTERS, warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            image = Image.open(io.BytesIO(content))
-    except Image.DecompressionBombError as reason:
-        raise error(f"{path} declares more than {most} pixels; shrink it.") from reason
-    except Exception as reason:  # Pillow raises of every kind on damaged files
-        text = words(reason).split(" <_io.")[0]
-        raise error(f"{path} is not a whole image ({text}).") from reason
-    if math.prod(image.size) > most:
-        raise error(
-            f"{path} is {image.width} x {image.height} px, more than {most} pixels; shrink it."
-        )
-    return image
+        file = open(path, "rb", opener=open_without_waiting)  # noqa: SIM115
+    except OSError as reason:
+        raise error(f"{path} cannot be read ({words(reason)}).") from reason
+    with file:
+        try:
+            # Pillow warns of large images by itself, and its filters belong to all threads.
+            with _FILTERS, warnings.catch_warnings():
+                warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+                image = Image.open(file, formats=IMAGE_FORMATS)
+        except Image.DecompressionBombError as reason:
+            raise error(f"{path} declares more than {most} pixels; shrink it.") from reason
+        except UnidentifiedImageError as reason:
+            kinds = ", ".join(IMAGE_FORMATS)
+            raise error(f"{path} is not a whole image (it is none of {kinds}).") from reason
+        except Exception as reason:  # Pillow raises of every kind on damaged files
+            raise error(f"{path} is not a whole image ({words(reason)}).") from reason
+        if math.prod(image.size) > most:
+            raise error(
+                f"{path} is {image.width} x {image.height} px, more than {most} pixels; shrink it."
+            )
+        yield image
 
 
 def read_grey_png(path: Path, shape: tuple[int, int], error: type[Exception]) -> NDArray[np.uint8]:
