@@ -29,7 +29,8 @@ FAR_IN_PIVOTS, MEDIAN_FAR_IN_PIVOTS = 4.0, 2.0
 """How far from the reference cameras can be, the farthest and half of them, in distances of the
 part."""
 
-_IMAGES_PER_BLOCK = 256
+_PIXELS_LOOKED_AT = 2**18
+_IMAGES_PER_BLOCK = 64
 _NAMES_SHOWN = 3
 
 
@@ -56,8 +57,10 @@ def image_faults(
     >>> image_faults(images, np.stack([np.eye(4)] * 2))["black"]
     array([ True, False])
     """
+    step = max(1, round(np.sqrt(images[0].size / _PIXELS_LOOKED_AT)))
+    some = images[:, ::step, ::step]
     parts = [
-        _grey_levels(images[start : start + _IMAGES_PER_BLOCK])
+        _grey_levels(some[start : start + _IMAGES_PER_BLOCK])
         for start in range(0, len(images), _IMAGES_PER_BLOCK)
     ]
     bright, saturated, contrast = (np.concatenate(part) for part in zip(*parts, strict=True))

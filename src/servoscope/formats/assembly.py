@@ -174,8 +174,9 @@ def _take_reference(
             "saturated, flat or repeated, or their poses stay; check the camera."
         )
     reference = int(fit[choose_reference(frames.at(fit), options)])
+    path = Path(frames.at(np.array([reference])).paths[0])
     try:
-        return frames, reference, *read_levels(frames.paths[reference], options.image_width)
+        return frames, reference, *read_levels(path, options.image_width)
     except DataSetError:
         if options.names_reference or not options.skip_bad:
             raise
@@ -191,12 +192,11 @@ def _read_images(
     on_progress: Callable[[int], object] | None,
 ) -> tuple[Frames, GreyLevels, int]:
     """The frames whose images can be read, the images, and their largest grey level."""
-    images, largest, errors = read_stack(frames.paths, reference, options.image_width, on_progress)
-    bad = [error for error in errors if error is not None]
-    if not bad:
+    images, largest, errors = read_stack(
+        frames.paths, reference, options.image_width, on_progress, skip_bad=options.skip_bad
+    )
+    if not any(errors):
         return frames, images, largest
-    if not options.skip_bad:
-        raise bad[0]
     readable = np.array([error is None for error in errors])
     frames = _keep(frames, readable, BAD_IMAGE, drops)
     _check_enough(frames, drops)

@@ -42,10 +42,10 @@ class Frames:
         return len(self.names)
 
     @property
-    def paths(self) -> list[Path]:
+    def paths(self) -> list[str]:
         """Files of the images, as the disk spells them."""
-        listings: dict[Path, dict[str, str]] = {}
-        return [_path_on_disk(self.folder, name, listings) for name in self.names]
+        listings: dict[str, dict[str, str]] = {}
+        return [_path_on_disk(str(self.folder), name, listings) for name in self.names]
 
     def take(self, kept: NDArray[np.bool_]) -> Frames:
         """The frames where `kept` is true."""
@@ -78,22 +78,22 @@ def check_names_differ(names: list[str], path: Path) -> None:
         )
 
 
-def _path_on_disk(folder: Path, name: str, listings: dict[Path, dict[str, str]]) -> Path:
+def _path_on_disk(folder: str, name: str, listings: dict[str, dict[str, str]]) -> str:
     """The file of that name, whatever Unicode form its letters have on disk."""
-    path = folder / name
+    path = os.path.join(folder, name)
     if name.isascii() or os.path.lexists(path):
         return path
     path = folder
     for part in name.split("/"):
-        if not os.path.lexists(path / part):
+        if not os.path.lexists(os.path.join(path, part)):
             if path not in listings:
                 listings[path] = {normalize("NFC", file): file for file in _list(path)}
             part = listings[path].get(part, part)
-        path = path / part
+        path = os.path.join(path, part)
     return path
 
 
-def _list(folder: Path) -> list[str]:
+def _list(folder: str) -> list[str]:
     try:
         return os.listdir(folder)
     except OSError:

@@ -17,6 +17,8 @@ from servoscope.errors import DataSetError
 from servoscope.formats.grey_levels import filled_bits, to_eight_bits
 from servoscope.storage.reading import LARGEST_IMAGE, open_image, read_bytes, words
 
+_FILES_AT_ONCE = 4096
+
 GreyLevels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
@@ -80,22 +82,26 @@ def read_levels(path: Path, width: int | None = None) -> tuple[GreyLevels, int]:
 
 
 def read_stack(
-    paths: Sequence[Path],
+    paths: Sequence[str | Path],
     like: GreyLevels,
     width: int | None = None,
     on_progress: Callable[[int], object] | None = None,
+    *,
+    skip_bad: bool = False,
 ) -> tuple[GreyLevels, int, list[DataSetError | None]]:
     """Grey images of one shape from many files, read side by side.
 
     Parameters
     ----------
-    paths : sequence of n Path
+    paths : sequence of n paths
     like : ndarray of shape (height, width), uint8 or uint16
         An image that all must have the shape and type of, after resizing.
     width : int, optional
         Width to resize to, [px].
     on_progress : callable, optional
         Called with the number of files read.
+    skip_bad : bool
+        Go on after a file that cannot be read, rather than raise its error.
 
     Returns
     -------
@@ -105,13 +111,18 @@ def read_stack(
         Largest grey level of all, before they are resized.
     errors : list of n DataSetError or None
         Why a file could not be read, or what other shape or type it has.
+
+    Raises
+    ------
+    DataSetError
+        The first of these errors, unless they are to be skipped.
     """
     images = np.zeros((len(paths), *like.shape), like.dtype)
     brightest = np.zeros(len(paths), dtype=np.int64)
 
     def read_into_stack(i: int) -> DataSetError | None:
         try:
-            image, largest = read_levels(paths[i], width)
+            image, largest = read_levels(Path(paths[i]), width)
         except DataSetError as error:
             return error
         if image.shape != like.shape:
@@ -127,24 +138,28 @@ def read_stack(
         images[i], brightest[i] = image, largest
         return None
 
-    errors = []
+    errors: list[DataSetError | None] = []
     pool = ThreadPoolExecutor()
     try:
-        for error in pool.map(read_into_stack, range(len(paths))):
-            errors.append(error)
-            if on_progress is not None:
-                on_progress(len(errors))
+        for start in range(0, len(paths), _FILES_AT_ONCE):
+            some = range(start, min(start + _FILES_AT_ONCE, len(paths)))
+            for error in pool.map(read_into_stack, some):
+                if error is not None and not skip_bad:
+                    raise error
+                errors.append(error)
+                if on_progress is not None:
+                    on_progress(len(errors))
     finally:
         pool.shutdown(cancel_futures=True)
     return images, int(brightest.max(initial=0)), errors
 
 
-def which_readable(paths: Sequence[Path]) -> NDArray[np.bool_]:
+def which_readable(paths: Sequence[str | Path]) -> NDArray[np.bool_]:
     """Which of the files hold a whole image."""
 
-    def is_readable(path: Path) -> bool:
+    def is_readable(path: str | Path) -> bool:
         try:
-            read_levels(path)
+            read_levels(Path(path))
         except DataSetError:
             return False
         return True
@@ -176,7 +191,9 @@ def _grey(image: Image.Image, path: Path) -> GreyLevels:
         if values.min() < 0 or values.max() > 65535:
             raise ValueError("pixels of more than 16 bits, save it with 8 or 16 bits")
         return values.astype(np.uint16)
-    return _luma_of_sixteen_bits(path) if is_wide_colour else np.array(image.convert("L"))
+    if is_wide_colour:
+        return _luma_of_sixteen_bits(path)
+    return np.array(image if image.mode == "L" else image.convert("L"))
 
 
 def _luma_of_sixteen_bits(path: Path) -> NDArray[np.uint16]:

@@ -6,7 +6,7 @@ import math
 import os
 import posixpath
 from collections.abc import Sequence
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from pathlib import Path
 from reprlib import repr as brief
 from unicodedata import normalize
 
@@ -54,9 +54,8 @@ def parse_numbers(texts: Sequence[str], columns: Sequence[str], where: str) -> l
     DataSetError
         If a text is not a finite number.
     """
-    numbers = []
-    for text, column in zip(texts, columns, strict=True):
-        number = _number(text)
+    numbers = [_number(text) for text in texts]
+    for number, text, column in zip(numbers, texts, columns, strict=True):
         if not math.isfinite(number):
             with_point = math.isfinite(_number(text.replace(",", ".")))
             hint = "write decimals with a point" if with_point else "mend the line"
@@ -64,7 +63,6 @@ def parse_numbers(texts: Sequence[str], columns: Sequence[str], where: str) -> l
                 f"{where}: {column} must be a finite number, got {brief(text.strip())}; {hint}, "
                 "or leave it out with --skip-bad."
             )
-        numbers.append(number)
     return numbers
 
 
@@ -120,8 +118,7 @@ def relative_name(text: str, where: str) -> str:
     name = normalize("NFC", posixpath.normpath(text.strip().replace("\\", "/")))
     if name == ".":
         raise DataSetError(f"{where}: the name of the image is empty.")
-    absolute = PurePosixPath(name).is_absolute() or PureWindowsPath(name).drive
-    if absolute or name.split("/")[0] == "..":
+    if name.startswith("/") or name[1:2] == ":" or name.split("/", 1)[0] == "..":
         raise DataSetError(
             f"{where}: {text.strip()!r} leads out of the folder; name images relative to it."
         )
