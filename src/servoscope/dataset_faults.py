@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable
 from hashlib import blake2b
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,7 +134,7 @@ def pose_warnings(data: PoseImageSet) -> list[str]:
     return texts
 
 
-def _grey_levels(images: NDArray[np.uint8]) -> tuple[NDArray[np.float64], ...]:
+def _grey_levels(images: NDArray[np.uint8]) -> tuple[NDArray[Any], ...]:
     """The level below which 99 % of the pixels lie, share of saturated ones, and contrast."""
     n_images, height, width = images.shape
     n_pixels, side = height * width, max(1, min(height, width) // 8)

@@ -77,12 +77,15 @@ def test_the_terminal_shows_the_decision_and_where_the_report_is(tmp_path, capsy
     assert json.loads(capsys.readouterr().out)["finished"] is True
 
 
+@pytest.mark.filterwarnings("default::servoscope.errors.ServoscopeWarning")
 def test_of_constant_images_it_says_that_nothing_can_be_learned(tmp_path, capsys):
     data = planar_data_set(150, 24)
     frozen = replace(data, images=np.repeat(data.images[:1], 150, axis=0))
     code, run = assess(frozen, tmp_path, "--json")
     assert code == 0
-    told = json.loads(capsys.readouterr().out)
+    out, err = capsys.readouterr()
+    assert "149 repeated (000001, 000002, ...); import with --skip-bad" in err
+    told = json.loads(out)
     assert told["assessed"]["conclusion"] == "Nothing can be learned from these images."
     for row in told["assessment"].values():
         assert row["limited_by"] == "images do not change"

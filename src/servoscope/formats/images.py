@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -78,7 +79,8 @@ def read_levels(path: Path, width: int | None = None) -> tuple[GreyLevels, int]:
             "smaller --image-width."
         )
     method = cv2.INTER_AREA if width < levels.shape[1] else cv2.INTER_LINEAR
-    return cv2.resize(levels, (width, height), interpolation=method), brightest
+    resized: Any = cv2.resize(levels, (width, height), interpolation=method)
+    return resized, brightest
 
 
 def read_stack(
@@ -182,7 +184,7 @@ def _decode(path: Path) -> GreyLevels:
 
 
 def _grey(image: Image.Image, path: Path) -> GreyLevels:
-    is_wide_colour = not image.mode.startswith("I") and ";16" in str(image.tile)
+    is_wide_colour = not image.mode.startswith("I") and ";16" in str(getattr(image, "tile", ""))
     image.load()
     if image.mode == "F":
         raise ValueError("floating-point pixels, save it with 8 or 16 bits")

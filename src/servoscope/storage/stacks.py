@@ -102,7 +102,7 @@ def read_stack(path: Path, shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
 def _read_description(path: Path, n_axes: int, dtype: str) -> tuple[tuple[int, ...], int]:
     """Shape and items per chunk of a stack, which is known to be one of ours."""
     values = read_json(path / "zarr.json", DataSetError)
-    shape = values.get("shape")
+    shape: Any = values.get("shape")
     if values.get("data_type") != dtype or not _are_lengths(shape) or len(shape) != n_axes:
         raise _refusal(path, f"it holds {values.get('data_type')!r} of shape {shape!r}")
     if math.prod(shape) * np.dtype(dtype).itemsize > LARGEST_STACK:
@@ -110,7 +110,7 @@ def _read_description(path: Path, n_axes: int, dtype: str) -> tuple[tuple[int, .
     for key, known in _KNOWN.items():
         if values.get(key, known) != known:
             raise _refusal(path, f"its {key} is {values[key]!r}")
-    chunk = _configuration(path, values.get("chunk_grid"), "regular").get("chunk_shape")
+    chunk: Any = _configuration(path, values.get("chunk_grid"), "regular").get("chunk_shape")
     if not _are_lengths(chunk) or chunk[1:] != shape[1:] or chunk[0] > min(PER_CHUNK, shape[0]):
         raise _refusal(path, f"its chunks are {chunk!r}")
     if chunk[0] * math.prod(shape[1:]) * np.dtype(dtype).itemsize > LARGEST_CHUNK:
