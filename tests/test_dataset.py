@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from servoscope import dataset_folder
 from servoscope.dataset import PoseImageSet
@@ -91,6 +92,12 @@ def with_entry(array, value):
     return array
 
 
+def far_away(T):
+    T = T.copy()
+    T[3, 0, 3] = 1e200
+    return T
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -105,6 +112,9 @@ def with_entry(array, value):
         ({"pivot_ranges": np.ones(3)}, r"pivot_ranges must have the shape \(6,\)"),
         ({"T_world_cam": with_entry(make().T_world_cam, np.nan)}, "T_world_cam must be finite"),
         ({"T_world_ref": with_entry(np.eye(4), np.inf)}, "T_world_ref must be finite"),
+        ({"T_world_cam": far_away(make().T_world_cam)}, r"T_world_cam must lie within 1e\+08 m"),
+        ({"pivot": 1e200}, "pivot must be a finite distance"),
+        ({"pivot_ranges": -RANGES}, "pivot_ranges must not be below 0"),
         ({"T_world_cam": 2 * make().T_world_cam}, "T_world_cam must hold rigid transforms"),
         ({"T_world_ref": np.diag([1.0, 1.0, -1.0, 1.0])}, "T_world_ref must hold rigid"),
         ({"source": "here"}, "source must be a dict, got a str"),
@@ -256,6 +266,20 @@ def test_meta_data_of_the_wrong_kind_is_refused(folder, changes):
     refused(folder, f"^{folder}")
 
 
+@pytest.mark.parametrize("number", ["1" + "0" * 400, "1e400", "NaN", "1e200"])
+def test_numbers_beyond_all_sense_in_meta_data_are_refused(folder, number):
+    path = folder / "meta.json"
+    path.write_text(path.read_text().replace("0.55", number))
+    refused(folder, f"^{folder}")
+
+
+def test_a_reference_image_of_another_size_is_never_decoded(folder):
+    Image.new("1", (9000, 9000)).save(folder / "reference.png")
+    refused(folder, "more than 67108864 pixels")
+    Image.new("L", (16, 13)).save(folder / "reference.png")
+    refused(folder, "grey 8-bit image of 16 x 12 px, got 16 x 13 px")
+
+
 def test_missing_images_are_refused(folder):
     shutil.rmtree(folder / "images.zarr")
     refused(folder, r"images\.zarr.zarr\.json is missing")
@@ -319,6 +343,10 @@ def with_field(line, position, value):
             "must be finite, but number 59",
         ),
         (lambda rows: [*rows[:-1], with_field(rows[-1], 2, "x")], "must have the columns"),
+        (lambda rows: [*rows[:-1], with_field(rows[-1], 2, "1e200")], r"within 1e\+08 m, but"),
+        (lambda rows: [*rows[:-1], with_field(rows[-1], 5, "1e200")], "a length above 1e6, but"),
+        (lambda rows: [*rows[:-1], rows[-1] + ",7"], "line 61 has 9 cells"),
+        (lambda rows: [*rows, *rows[1:]], "has 120 poses for 60 images"),
         (lambda rows: [*rows[:-1], "000059,1,2,3"], "must have the columns"),
         (lambda rows: [*rows[:-1], "000059,0,0,0,0,0,0,0"], "zero length, but number 59"),
         (lambda rows: [*rows[:-1], with_field(rows[-1], 0, "000000")], "60 different names"),

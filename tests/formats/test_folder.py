@@ -88,6 +88,13 @@ def test_a_time_column_asks_for_a_split_by_blocks(pose_folder):
     assert read_folder(pose_folder.path, at_random).split == "random"
 
 
+def test_times_that_are_not_seconds_are_refused(pose_folder):
+    stamps = 1_403_636_579_000_000_000 + 50_000_000 * np.arange(6)
+    rows = [f"{row},{time}" for row, time in zip(pose_folder.rows(), stamps, strict=True)]
+    pose_folder.write_csv(rows, header="name,tx,ty,tz,qx,qy,qz,qw,time")
+    assert "column time: stamps must be seconds" in refusal(pose_folder)
+
+
 def test_a_split_by_blocks_without_times_is_refused(pose_folder):
     pose_folder.write_csv()
     message = refusal(pose_folder, ImportOptions(split="blocks"))

@@ -26,6 +26,7 @@ from servoscope.formats.pose_text import (
     parse_pose,
     relative_name,
 )
+from servoscope.formats.stamps import check_seconds
 from servoscope.storage.reading import read_lines
 
 POSE_COLUMNS = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
@@ -102,6 +103,8 @@ def _read_frames(folder: Path, options: ImportOptions, drops: Drops) -> Frames:
     check_names_differ(names, path)
     drops.add(BAD_POSE, [name for name, use in zip(names, usable, strict=True) if not use])
     table = np.array(numbers).reshape(-1, len(columns) - 1)
+    if "time" in columns and len(table):
+        check_seconds(table[:, 7], f"{path}, column time")
     return Frames(
         folder=folder,
         names=[name for name, use in zip(names, usable, strict=True) if use],
