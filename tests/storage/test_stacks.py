@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from servoscope.errors import DataSetError
+from servoscope.storage import stacks
 from servoscope.storage.stacks import create_stack, read_stack, write_stack
 
 SHAPE = (30, 8, 9)
@@ -122,3 +123,12 @@ def test_nothing_is_written_into_a_stack_of_another_kind(stack, images):
     (stack / "zarr.json").write_text(json.dumps(description))
     with pytest.raises(DataSetError, match="takes more than"):
         write_stack(stack, 0, images)
+
+
+def test_a_small_folder_that_would_fill_the_memory_is_not_unpacked(tmp_path, monkeypatch):
+    shape = (50, 200, 200)
+    create_stack(tmp_path / "black.zarr", shape, "uint8")
+    write_stack(tmp_path / "black.zarr", 0, np.zeros(shape, np.uint8))
+    assert not read_stack(tmp_path / "black.zarr", shape, "uint8").any()
+    monkeypatch.setattr(stacks, "LARGEST_CONSTANT", 10**6)
+    refused(tmp_path / "black.zarr", r"\d+ bytes of files would unpack to 2000000", shape)

@@ -25,7 +25,10 @@ LARGEST_CHUNK = 2**31 - 2**20
 LARGEST_STACK = 2**36
 """Most bytes of a stack."""
 
-_BLOSC_HEAD, _CRC = 16, 4
+LARGEST_CONSTANT = 2**28
+"""Most bytes of a stack that unpacks to more than a hundred times its files: no pictures do."""
+
+_BLOSC_HEAD, _CRC, _MOST_PACKED = 16, 4, 100
 _CODECS = ("bytes", "blosc", "crc32c")
 _KNOWN = {
     "zarr_format": 3,
@@ -91,8 +94,9 @@ def read_stack(path: Path, shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
     if lost := sum(not chunk.exists() for chunk in paths):
         raise _refusal(path, f"{lost} of {len(paths)} chunks are missing")
     n_bytes = per_chunk * math.prod(shape[1:]) * np.dtype(dtype).itemsize
-    for chunk in paths:
-        _check_chunk(path, chunk, n_bytes)
+    packed = sum(_check_chunk(path, chunk, n_bytes) for chunk in paths)
+    if (unpacked := n_bytes * n_chunks) > max(LARGEST_CONSTANT, _MOST_PACKED * packed):
+        raise _refusal(path, f"{packed} bytes of files would unpack to {unpacked}")
     try:
         return np.asarray(zarr.open_array(path, mode="r", zarr_format=3)[:])
     except Exception as error:  # zarr and its codecs raise of every kind on damaged files
@@ -139,8 +143,8 @@ def _are_lengths(values: Any) -> bool:
     return isinstance(values, list) and all(type(n) is int and 0 < n < 2**40 for n in values)
 
 
-def _check_chunk(path: Path, chunk: Path, n_bytes: int) -> None:
-    """Check that a chunk declares `n_bytes` unpacked, and its own length."""
+def _check_chunk(path: Path, chunk: Path, n_bytes: int) -> int:
+    """The bytes of a chunk, which must declare them, and `n_bytes` unpacked."""
     size = check_regular(chunk, DataSetError, n_bytes + n_bytes // 64 + 2**16)
     with open(chunk, "rb") as file:
         head = file.read(_BLOSC_HEAD)
@@ -149,6 +153,7 @@ def _check_chunk(path: Path, chunk: Path, n_bytes: int) -> None:
         raise _refusal(
             path, f"{chunk.relative_to(path)} declares {unpacked} bytes unpacked, not {n_bytes}"
         )
+    return size
 
 
 def _refusal(path: Path, reason: str) -> DataSetError:
