@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from servoscope.compiled import compiled
 from servoscope.errors import DataSetError
 from servoscope.formats.frames import Frames
 from servoscope.formats.options import MOST_NEIGHBOURS, ImportOptions
@@ -115,26 +114,10 @@ def _count_near(
     T_a: NDArray[np.float64], T_b: NDArray[np.float64], far: float, least_cosine: float
 ) -> NDArray[np.intp]:
     """How many poses of `T_b` lie within the limits of each of `T_a`."""
+    from servoscope.formats import pair_counts  # it compiles, which takes a while
+
     numbers = (np.ascontiguousarray(T[:, :3]).reshape(-1, 12) for T in (T_a, T_b))
-    return _count_pairs(*numbers, (far + 1e-12) ** 2, 2 * (least_cosine - 1e-12) + 1)
-
-
-@compiled()
-def _count_pairs(
-    a: NDArray[np.float64], b: NDArray[np.float64], far_squared: float, least_trace: float
-) -> NDArray[np.intp]:
-    """As `_count_near`, of 3 x 4 matrices as rows: columns 3, 7 and 11 are the translation."""
-    counts = np.zeros(len(a), dtype=np.intp)
-    for i in range(len(a)):
-        for j in range(len(b)):
-            x, y, z = a[i, 3] - b[j, 3], a[i, 7] - b[j, 7], a[i, 11] - b[j, 11]
-            if x * x + y * y + z * z <= far_squared:
-                trace = 0.0
-                for k in range(11):
-                    if k % 4 != 3:
-                        trace += a[i, k] * b[j, k]
-                counts[i] += trace >= least_trace
-    return counts
+    return pair_counts.count_pairs(*numbers, (far + 1e-12) ** 2, 2 * (least_cosine - 1e-12) + 1)
 
 
 def _distances_and_cosines(
