@@ -179,6 +179,24 @@ class PoseImageSet:
 
 
 def _check(data: PoseImageSet) -> None:
+    _check_arrays(data)
+    n_images = len(data.images)
+    if len(data.names) != n_images or len(set(data.names)) != n_images:
+        raise DataSetError(
+            f"names must be {n_images} different names, one an image, got {len(data.names)} "
+            f"with {len(set(data.names))} different ones."
+        )
+    if not abs(data.pivot) <= FARTHEST:
+        raise DataSetError(f"pivot must be a finite distance in metres, got {data.pivot}.")
+    if data.pivot_ranges is not None and not (data.pivot_ranges >= 0).all():
+        raise DataSetError(f"pivot_ranges must not be below 0, got {data.pivot_ranges.tolist()}.")
+    if not isinstance(data.source, dict):
+        raise DataSetError(f"source must be a dict, got a {type(data.source).__name__}.")
+    if data.split not in SPLITS:
+        raise DataSetError(f"split must be one of {', '.join(SPLITS)}, got {data.split!r}.")
+
+
+def _check_arrays(data: PoseImageSet) -> None:
     images, n_images = data.images, len(data.images)
     if images.dtype != np.uint8 or images.ndim != 3 or not n_images:
         raise DataSetError(
@@ -211,16 +229,3 @@ def _check(data: PoseImageSet) -> None:
                 f"{name} must hold rigid transforms, but one of them is none: its rotation is not "
                 "orthonormal, it mirrors, or its last row is not 0 0 0 1."
             )
-    if len(data.names) != n_images or len(set(data.names)) != n_images:
-        raise DataSetError(
-            f"names must be {n_images} different names, one an image, got {len(data.names)} "
-            f"with {len(set(data.names))} different ones."
-        )
-    if not abs(data.pivot) <= FARTHEST:
-        raise DataSetError(f"pivot must be a finite distance in metres, got {data.pivot}.")
-    if data.pivot_ranges is not None and not (data.pivot_ranges >= 0).all():
-        raise DataSetError(f"pivot_ranges must not be below 0, got {data.pivot_ranges.tolist()}.")
-    if not isinstance(data.source, dict):
-        raise DataSetError(f"source must be a dict, got a {type(data.source).__name__}.")
-    if data.split not in SPLITS:
-        raise DataSetError(f"split must be one of {', '.join(SPLITS)}, got {data.split!r}.")
