@@ -18,7 +18,6 @@ ROOMS = (
     ("storage",),
     ("files", "processes", "progress", "compiled", "wording", "arrays"),
     ("poses",),
-    ("storage",),
     ("dataset_progress",),
     ("dataset_folder",),
     ("dataset",),
