@@ -31,6 +31,7 @@ ROOMS = (
     ("kernels",),
     ("selection",),
     ("regression",),
+    ("keyframe",),
     ("positioning",),
     ("assessment",),
     ("sensitivity",),
@@ -43,7 +44,7 @@ ROOMS = (
 )
 RANK = {room: rank for rank, rooms in enumerate(ROOMS) for room in rooms}
 EDGE = {"scene", "formats", "robots", "acquisition_config", "acquisition"}
-CORE = {"features", "kernels", "selection", "regression"}
+CORE = {"features", "kernels", "selection", "regression", "keyframe"}
 
 
 def room_of(file):

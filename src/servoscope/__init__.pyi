@@ -23,6 +23,10 @@ from .formats import ImportOptions as ImportOptions
 from .formats import TumOptions as TumOptions
 from .formats import read_folder as read_folder
 from .formats import read_tum as read_tum
+from .keyframe import Alignment as Alignment
+from .keyframe import CameraModel as CameraModel
+from .keyframe import Keyframe as Keyframe
+from .keyframe import ViewLimit as ViewLimit
 from .poses import DOFS as DOFS
 from .positioning import LoopSettings as LoopSettings
 from .positioning import Positioner as Positioner

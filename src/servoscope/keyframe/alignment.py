@@ -1,0 +1,148 @@
+"""Where one image was taken: robust Gauss-Newton on its grey levels, coarse to fine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.keyframe.adjustment import MOUNT, OPTICS, PLANE
+from servoscope.keyframe.camera import CameraModel
+from servoscope.keyframe.levels import EVEN_LIGHT, N_BLOCKS, PRIOR, Guess, Level
+from servoscope.keyframe.motion import adjoint, conjugate, displacement_by_twist
+from servoscope.keyframe.views import View
+from servoscope.keyframe.warping import MOTION, N_ALIGNED, N_COLUMNS
+from servoscope.poses import displacements_from_poses, inverse_transform, rigid_transform
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+_LEVELS = ((32, 2.0, 10), (64, 1.2, 8), (128, 1.0, 5))
+_N_STARTS = 5
+_N_COMPARED = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """Where an image was taken.
+
+    Parameters
+    ----------
+    displacement : ndarray of shape (4, 4)
+        ``inv(T_world_ref) @ T_world_cam`` of the poses that the robot reports, [m]. The identity
+        where the view is that of the reference.
+    delta_p : ndarray of shape (6,)
+        The same about the pivot, [m] and [rad], in `DOFS` order.
+    covariance : ndarray of shape (6, 6)
+        Of `delta_p`: from the residuals, correlated as they are inside blocks of the view, and
+        from what the keyframe does not know of its camera, mount and depth.
+    similarity : float
+        Mean correlation of blocks of the image with what the keyframe expects there, 0 to 1.
+    share_visible : float
+        Share of the keyframe that is within the image.
+    light : ndarray of shape (4,)
+        Gain, offset [grey], and slopes of the gain to the right and down, [1 / image width].
+    """
+
+    displacement: Array
+    delta_p: Array
+    covariance: Array
+    similarity: float
+    share_visible: float
+    light: Array
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations of `delta_p`, shape (6,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+class Aligner:
+    """The keyframe at all resolutions that an alignment goes through.
+
+    Parameters
+    ----------
+    reference_image : ndarray of shape (height, width), uint8
+    camera : CameraModel
+    mount : ndarray of shape (4, 4)
+    inverse_depth, trust : ndarrays
+        Over the reference image, of any resolution.
+    displacements : ndarray of shape (n, 4, 4)
+        Tried, beside none, where no first guess is given.
+    calibration : ndarray of shape (20, 20)
+        Covariance of what all images share, in the order of the adjustment.
+    pivot : float
+        [m].
+    """
+
+    def __init__(
+        self,
+        reference_image: NDArray[np.uint8],
+        camera: CameraModel,
+        mount: Array,
+        inverse_depth: Floats,
+        trust: Floats,
+        displacements: Array,
+        calibration: Array,
+        pivot: float,
+    ) -> None:
+        self.mount, self.calibration, self.pivot = mount, calibration, pivot
+        self.levels = []
+        for width, sigma, _ in _LEVELS:
+            view = View.of(reference_image, min(width, reference_image.shape[1]), sigma)
+            depth, weight = view.resize(inverse_depth), view.resize(trust)
+            self.levels.append(Level(view, camera, depth, weight))
+        self.starts = [np.eye(4), *inverse_transform(conjugate(mount, displacements))]
+
+    def align(self, image: NDArray[np.uint8], start: Array | None) -> Alignment:
+        """See `Keyframe.align`."""
+        prepared = [level.view.prepare(image) for level in self.levels]
+        if start is None:
+            guess = self._search(prepared)
+        else:
+            guess = Guess(inverse_transform(conjugate(self.mount, start)), EVEN_LIGHT)
+        for level, grey, (_, _, n_steps) in zip(
+            self.levels[1:], prepared[1:], _LEVELS[1:], strict=True
+        ):
+            guess = level.descend(grey, guess, n_steps)
+        similarity, share_visible = self.levels[1].compare(prepared[1], guess.T)
+        displacement = conjugate(inverse_transform(self.mount), inverse_transform(guess.T))
+        (delta_p,) = displacements_from_poses(np.eye(4), displacement[None], self.pivot)
+        covariance = self._covariance(prepared[-1], guess, displacement)
+        return Alignment(displacement, delta_p, covariance, similarity, share_visible, guess.light)
+
+    def _search(self, prepared: Sequence[Floats]) -> Guess:
+        """The best of several starts."""
+        coarse, middle = self.levels[:2]
+        scores = [coarse.correlation(prepared[0], T) for T in self.starts]
+        found = []
+        for k in np.argsort(scores, kind="stable")[::-1][:_N_STARTS]:
+            guess = coarse.descend(prepared[0], Guess(self.starts[k], EVEN_LIGHT), _LEVELS[0][2])
+            guess = middle.descend(prepared[1], guess, _N_COMPARED)
+            found.append((middle.compare(prepared[1], guess.T)[0], guess))
+        return max(found, key=lambda pair: pair[0])[1]
+
+    def _covariance(self, image: Floats, guess: Guess, displacement: Array) -> Array:
+        """Covariance of the displacement about the pivot."""
+        J, r, w = self.levels[-1].linearise(image, guess, N_COLUMNS)
+        H = ((J * w[:, None]).T @ J).astype(float)
+        own = slice(0, N_ALIGNED)
+        bread = np.linalg.inv(H[own, own] + np.diag(1 / PRIOR**2))
+        scores = J[:, own] * (w * r)[:, None]
+        blocks = self.levels[-1].blocks
+        sums = np.stack([np.bincount(blocks, s, N_BLOCKS**2) for s in scores.T], axis=1)
+        meat = sums.T @ sums + np.diag(1 / PRIOR**2)
+        residual = (bread @ meat @ bread)[MOTION, MOTION]
+        to_robot = self.by_twist(displacement)
+        by_shared = np.zeros((6, len(self.calibration)))
+        by_shared[:, OPTICS.start : PLANE.stop] = -to_robot @ (bread @ H[own, N_ALIGNED:])[MOTION]
+        by_shared[:, MOUNT] = -to_robot @ (adjoint(guess.T) - np.eye(6))
+        return to_robot @ residual @ to_robot.T + by_shared @ self.calibration @ by_shared.T
+
+    def by_twist(self, displacement: Array) -> Array:
+        """Derivative of the displacement about the pivot by a twist before T, shape (6, 6)."""
+        P = rigid_transform(np.eye(3), [0.0, 0.0, self.pivot])
+        about = displacement_by_twist(conjugate(P, displacement))
+        return -about @ adjoint(inverse_transform(P) @ self.mount)

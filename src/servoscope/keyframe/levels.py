@@ -1,0 +1,167 @@
+"""The keyframe at one resolution, and how an image is compared with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.keyframe.camera import CameraModel
+from servoscope.keyframe.motion import exponential
+from servoscope.keyframe.starts import correlation
+from servoscope.keyframe.views import View
+from servoscope.keyframe.warping import LIGHT, MOTION, N_ALIGNED, UNSEEN, linearise, sample
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+BEND = 2.5
+"""Residuals of this many standard deviations count a quarter."""
+
+LEAST_SCALE = 0.5
+"""Residuals are never taken to spread less than this, [grey]."""
+
+EVEN_LIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+
+PRIOR = np.array([0.3] * 3 + [1.0] * 3 + [0.5, 40.0, 0.7, 0.7])
+"""Standard deviations before the image is seen: of a displacement, [m] and [rad], of gain,
+offset [grey] and slopes of the gain."""
+
+N_BLOCKS = 12
+"""Blocks along each side of the view, inside which residuals are taken to be correlated."""
+
+_LEAST_DEVIATION = 1.0
+_LONGEST_STEP = 0.15
+
+
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """Where an image may have been taken, and in what light.
+
+    Parameters
+    ----------
+    T : ndarray of shape (4, 4)
+        Reference camera to the image's camera.
+    light : ndarray of shape (4,)
+        Gain, offset, and slopes of the gain.
+    """
+
+    T: Array
+    light: Array
+
+
+class Level:
+    """The keyframe at one resolution.
+
+    Parameters
+    ----------
+    view : View
+    camera : CameraModel
+    inverse_depth : ndarray of shape (height, width), float32
+    trust : ndarray of shape (height, width), float32
+        Weight of each pixel; those of zero are left out.
+    """
+
+    def __init__(self, view: View, camera: CameraModel, inverse_depth: Floats, trust: Floats) -> None:
+        self.view, self.camera = view, camera
+        self.used = np.flatnonzero(trust.ravel() > 0)
+        rays, by_camera = camera.rays(view.points[self.used])
+        self._xy = view.points[self.used].astype(np.float32)
+        self._rays, self._by_camera = rays.astype(np.float32), by_camera.astype(np.float32)
+        self._depth = inverse_depth.ravel()[self.used].astype(np.float32)
+        self._grey = view.grey.ravel()[self.used]
+        self._trust = trust.ravel()[self.used].astype(np.float32)
+        self._values = camera.values
+        self._by_depth, self._residuals = np.empty_like(self._grey), np.empty_like(self._grey)
+        self._jacobian = np.empty((len(self.used), N_ALIGNED), np.float32)
+        height, width = view.shape
+        rows, columns = np.divmod(self.used, width)
+        self.blocks = rows * N_BLOCKS // height * N_BLOCKS + columns * N_BLOCKS // width
+
+    def correlation(self, image: Floats, T: Array) -> float:
+        """Correlation of an image with the keyframe as it would be seen."""
+        return correlation(
+            image, T, self._values, self.view.aspect, self._rays, self._depth, self._grey
+        )
+
+    def linearise(
+        self, image: Floats, guess: Guess, n_columns: int = N_ALIGNED
+    ) -> tuple[Floats, Floats, Floats]:
+        """Derivatives (n, n_columns), residuals, and robust inverse variances of an image.
+
+        The arrays are written over by the next call.
+        """
+        jacobian = self._jacobian
+        if n_columns != N_ALIGNED:
+            jacobian = np.empty((len(self.used), n_columns), np.float32)
+        residuals = self._residuals
+        linearise(
+            image, guess.T, self._values, self.view.aspect, self._xy, self._rays, self._by_camera,
+            self._depth, self._grey, guess.light, jacobian, self._by_depth, residuals,
+        )  # fmt: skip
+        seen = residuals > UNSEEN
+        scale = LEAST_SCALE
+        if seen.any():
+            scale = max(scale, 1.4826 * float(np.median(np.abs(residuals[seen]))))
+        ratio = residuals * np.float32(1 / (BEND * scale))
+        ratio *= ratio
+        ratio += 1
+        weights = self._trust / (ratio * ratio * np.float32(scale**2))
+        weights[~seen] = 0
+        return jacobian, residuals, weights
+
+    def descend(self, image: Floats, guess: Guess, n_steps: int, tolerance: float = 0.02) -> Guess:
+        """Robust Gauss-Newton from a guess.
+
+        Parameters
+        ----------
+        image : ndarray of shape (height, width), float32
+            Prepared for the level.
+        guess : Guess
+        n_steps : int
+        tolerance : float
+            A step that moves what is seen by less is the last, [px].
+        """
+        width, precision = self.view.width, 1 / PRIOR**2
+        reach = width * self.camera.f
+        depth = float(np.median(self._depth))
+        for _ in range(n_steps):
+            J, r, w = self.linearise(image, guess)
+            weighted = J * w[:, None]
+            H = (weighted.T @ J).astype(float)
+            g = -(weighted.T @ r).astype(float)
+            g[LIGHT] -= precision[LIGHT] * (guess.light - EVEN_LIGHT)
+            H[np.diag_indices(N_ALIGNED)] += precision
+            step = np.linalg.solve(H, g)
+            flow = reach * max(
+                depth * float(np.linalg.norm(step[:3])), float(np.linalg.norm(step[3:6]))
+            )
+            step *= min(1.0, _LONGEST_STEP * width / max(flow, 1e-9))
+            guess = Guess(exponential(step[MOTION]) @ guess.T, guess.light + step[LIGHT])
+            if flow < tolerance:
+                break
+        return guess
+
+    def compare(self, image: Floats, T: Array) -> tuple[float, float]:
+        """Mean correlation of blocks with what is expected there, and the share that is seen.
+
+        Blocks count by the deviation of their grey levels; those that are less than half in view
+        do not count.
+        """
+        grey = np.empty_like(self._grey)
+        sample(image, T, self._values, self.view.aspect, self._rays, self._depth, grey)
+        seen = grey > UNSEEN
+        n = N_BLOCKS**2
+        a, b = np.where(seen, grey, 0), np.where(seen, self._grey, 0)
+        n_seen = np.bincount(self.blocks, seen, n)
+        count = np.maximum(n_seen, 1)
+        mean_a, mean_b, aa, bb, ab = (
+            np.bincount(self.blocks, x, n) / count for x in (a, b, a * a, b * b, a * b)
+        )
+        variance_a = np.maximum(aa - mean_a**2, 0) + _LEAST_DEVIATION**2
+        variance_b = np.maximum(bb - mean_b**2, 0) + _LEAST_DEVIATION**2
+        z = np.maximum(ab - mean_a * mean_b, 0) / np.sqrt(variance_a * variance_b)
+        counts = 2 * n_seen > np.bincount(self.blocks, minlength=n)
+        weight = np.where(counts, np.sqrt(variance_b), 0)
+        return float((z * weight).sum() / max(weight.sum(), 1e-9)), float(seen.mean())

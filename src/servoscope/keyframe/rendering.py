@@ -1,0 +1,116 @@
+"""What the keyframe would look like from elsewhere."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servoscope.compiled import compiled
+
+
+@compiled(error_model="numpy")
+def project(T, camera, aspect, rays, inverse_depth, seen):
+    """Write where points are seen, [image widths] from the middle, and how near, to `seen`.
+
+    Parameters
+    ----------
+    T : array of shape (4, 4)
+        Reference camera to this camera.
+    camera : array of shape (5,)
+        f, cx, cy, k1, k2.
+    aspect : float
+    rays : array of shape (n, 2)
+    inverse_depth : array of shape (n,)
+    seen : array of shape (n, 3)
+        Written: x, y, and the inverse depth in this camera; the latter is zero for points that
+        are not before the camera.
+    """
+    f, cx, cy, k1, k2 = camera
+    for i in range(rays.shape[0]):
+        x, y, q = rays[i, 0], rays[i, 1], inverse_depth[i]
+        X = T[0, 0] * x + T[0, 1] * y + T[0, 2] + q * T[0, 3]
+        Y = T[1, 0] * x + T[1, 1] * y + T[1, 2] + q * T[1, 3]
+        Z = T[2, 0] * x + T[2, 1] * y + T[2, 2] + q * T[2, 3]
+        seen[i] = 0.0
+        if Z > 0.05:
+            px, py = X / Z, Y / Z
+            r2 = px * px + py * py
+            if 1.0 + r2 * (3.0 * k1 + 5.0 * k2 * r2) > 0.0:
+                d = 1.0 + r2 * (k1 + k2 * r2)
+                seen[i, 0], seen[i, 1], seen[i, 2] = f * d * px + cx, f * d * py + cy, q / Z
+
+
+@compiled(error_model="numpy")
+def _fill(a, b, c, grey_a, grey_b, grey_c, image, nearness):
+    """Draw a triangle of corners (column, row, inverse depth) where it is the nearest."""
+    area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    if area <= 0.0:  # seen from behind
+        return
+    height, width = image.shape
+    left = max(0, int(np.ceil(min(a[0], b[0], c[0]))))
+    right = min(width - 1, int(np.floor(max(a[0], b[0], c[0]))))
+    top = max(0, int(np.ceil(min(a[1], b[1], c[1]))))
+    bottom = min(height - 1, int(np.floor(max(a[1], b[1], c[1]))))
+    for row in range(top, bottom + 1):
+        for column in range(left, right + 1):
+            wa = ((b[0] - column) * (c[1] - row) - (b[1] - row) * (c[0] - column)) / area
+            wb = ((c[0] - column) * (a[1] - row) - (c[1] - row) * (a[0] - column)) / area
+            wc = 1.0 - wa - wb
+            if wa >= -1e-9 and wb >= -1e-9 and wc >= -1e-9:
+                near = wa * a[2] + wb * b[2] + wc * c[2]
+                if near > nearness[row, column]:
+                    nearness[row, column] = near
+                    image[row, column] = wa * grey_a + wb * grey_b + wc * grey_c
+
+
+@compiled(error_model="numpy")
+def draw(grey, seen, depth, aspect, jump, image, nearness):
+    """Draw the reference image as a mesh of triangles between its pixels.
+
+    Parameters
+    ----------
+    grey : array of shape (height, width)
+    seen : array of shape (height, width, 3)
+        From `project`.
+    depth : array of shape (height, width)
+        Inverse depths in the reference camera.
+    aspect : float
+    jump : float
+        Pixels whose inverse depths differ by a larger share belong to different surfaces; nothing
+        is known between them.
+    image, nearness : arrays of shape (height, width)
+        Written where something is seen; `nearness` begins as zeros.
+    """
+    rows, columns = grey.shape
+    height, width = image.shape
+    at = np.empty((rows, columns, 3))
+    for i in range(rows):
+        for j in range(columns):
+            at[i, j, 0] = (seen[i, j, 0] + 0.5) * width - 0.5
+            at[i, j, 1] = (seen[i, j, 1] / aspect + 0.5) * height - 0.5
+            at[i, j, 2] = seen[i, j, 2]
+    for i in range(rows - 1):
+        for j in range(columns - 1):
+            d00, d01, d10, d11 = depth[i, j], depth[i, j + 1], depth[i + 1, j], depth[i + 1, j + 1]
+            near, far = max(d00, d01, d10, d11), min(d00, d01, d10, d11)
+            before = min(at[i, j, 2], at[i, j + 1, 2], at[i + 1, j, 2], at[i + 1, j + 1, 2]) > 0.0
+            if before and near - far < jump * far:
+                _fill(
+                    at[i, j],
+                    at[i, j + 1],
+                    at[i + 1, j],
+                    grey[i, j],
+                    grey[i, j + 1],
+                    grey[i + 1, j],
+                    image,
+                    nearness,
+                )
+                _fill(
+                    at[i + 1, j + 1],
+                    at[i + 1, j],
+                    at[i, j + 1],
+                    grey[i + 1, j + 1],
+                    grey[i + 1, j],
+                    grey[i, j + 1],
+                    image,
+                    nearness,
+                )

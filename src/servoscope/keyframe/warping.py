@@ -1,0 +1,157 @@
+"""Warps of images onto the reference view, with analytic derivatives, compiled.
+
+A pixel of the reference image looks along ``(x, y, 1)`` and sees a point at inverse depth q. In a
+camera that ``T = inv(D)`` maps the reference camera's coordinates to, the point lies along
+``Q = R (x, y, 1) + q t``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servoscope.compiled import compiled
+
+MOTION = slice(0, 6)
+"""Columns of the derivative by a twist before T, ``T <- exp(twist) T``."""
+
+LIGHT = slice(6, 10)
+"""Columns by gain, offset, and slopes of the gain to the right and down."""
+
+CAMERA = slice(10, 15)
+"""Columns by ln f, cx, cy, k1, k2."""
+
+RELIEF = slice(15, 18)
+"""Columns by a factor, and slopes to the right and down, of all inverse depths."""
+
+N_COLUMNS = 18
+N_ALIGNED = 10
+"""Columns that the alignment of one image needs: the first ones."""
+
+UNSEEN = np.float32(-1e6)
+"""What stands for the grey level and the residual of a point that is not seen."""
+
+_NEAREST = 0.05
+
+
+@compiled(fastmath=True, error_model="numpy", inline="always")
+def _look(image, T, camera, aspect, x, y, q):
+    """Where Q is seen: whether within the image, grey, its slopes, Q, and what leads there."""
+    f, cx, cy, k1, k2 = camera[0], camera[1], camera[2], camera[3], camera[4]
+    height, width = image.shape
+    X = T[0, 0] * x + T[0, 1] * y + T[0, 2] + q * T[0, 3]
+    Y = T[1, 0] * x + T[1, 1] * y + T[1, 2] + q * T[1, 3]
+    Z = T[2, 0] * x + T[2, 1] * y + T[2, 2] + q * T[2, 3]
+    ok = Z > _NEAREST
+    iz = 1.0 / Z if ok else 1.0
+    px, py = X * iz, Y * iz
+    r2 = px * px + py * py
+    d = 1.0 + r2 * (k1 + k2 * r2)
+    u = (f * d * px + cx + 0.5) * width - 0.5
+    v = ((f * d * py + cy) / aspect + 0.5) * height - 0.5
+    # what distortion folds back into the image is not there
+    ok = ok and 1.0 + r2 * (3.0 * k1 + 5.0 * k2 * r2) > 0.0
+    ok = ok and u >= 0.0 and v >= 0.0 and u < width - 1.0 and v < height - 1.0
+    if not ok:
+        return False, 0.0, 0.0, 0.0, X, Y, Z, iz, px, py, r2, d
+    column, row = int(u), int(v)
+    a, b = u - column, v - row
+    i00, i01 = image[row, column], image[row, column + 1]
+    i10, i11 = image[row + 1, column], image[row + 1, column + 1]
+    top, bottom = i00 + a * (i01 - i00), i10 + a * (i11 - i10)
+    gx = ((i01 - i00) * (1.0 - b) + (i11 - i10) * b) * width
+    gy = (bottom - top) * height / aspect
+    return True, top + b * (bottom - top), gx, gy, X, Y, Z, iz, px, py, r2, d
+
+
+@compiled(fastmath=True, error_model="numpy")
+def sample(image, T, camera, aspect, rays, inverse_depth, grey):
+    """Write the grey level that each point of the reference is seen with, or `UNSEEN`."""
+    for i in range(rays.shape[0]):
+        seen = _look(image, T, camera, aspect, rays[i, 0], rays[i, 1], inverse_depth[i])
+        grey[i] = seen[1] if seen[0] else UNSEEN
+
+
+@compiled(fastmath=True, error_model="numpy")
+def linearise(
+    image,
+    T,
+    camera,
+    aspect,
+    points,
+    rays,
+    by_camera,
+    inverse_depth,
+    reference,
+    light,
+    jacobian,
+    by_depth,
+    residuals,
+):
+    """Residuals of one image at the points of the reference, and their derivatives.
+
+    The residual is ``I(u) - (g + gx x + gy y) I_ref - o``. As many columns are written as
+    `jacobian` has; rows of points that are not seen are zero.
+
+    Parameters
+    ----------
+    image : array of shape (height, width), float32
+    T : array of shape (4, 4)
+        Reference camera to this camera.
+    camera : array of shape (5,)
+        f, cx, cy, k1, k2.
+    aspect : float
+        Height over width of the full image.
+    points, rays : arrays of shape (n, 2), float32
+        Where the points are in the reference image, and their rays.
+    by_camera : array of shape (n, 2, 5), float32
+    inverse_depth, reference : arrays of shape (n,), float32
+    light : array of shape (4,)
+        g, o, gx, gy.
+    jacobian : array of shape (n, columns), float32
+        Written: derivatives by `MOTION`, `LIGHT`, and, if it is that wide, `CAMERA` and `RELIEF`.
+    by_depth, residuals : arrays of shape (n,), float32
+        Written: the derivative by the inverse depth, and the residual.
+
+    Returns
+    -------
+    n_seen : int
+    """
+    f, k1, k2 = camera[0], camera[3], camera[4]
+    n_columns = jacobian.shape[1]
+    n_seen = 0
+    for i in range(rays.shape[0]):
+        x, y, q = rays[i, 0], rays[i, 1], inverse_depth[i]
+        ok, grey, gx, gy, X, Y, Z, iz, px, py, r2, d = _look(image, T, camera, aspect, x, y, q)
+        if not ok:
+            jacobian[i] = 0.0
+            by_depth[i] = 0.0
+            residuals[i] = UNSEEN
+            continue
+        n_seen += 1
+        xi, yi, expected = points[i, 0], points[i, 1], reference[i]
+        residuals[i] = grey - (light[0] + light[2] * xi + light[3] * yi) * expected - light[1]
+        along = gx * px + gy * py
+        bend = 2.0 * (k1 + 2.0 * k2 * r2) * along
+        hx, hy = f * (d * gx + bend * px) * iz, f * (d * gy + bend * py) * iz
+        hz = -(hx * px + hy * py)
+        jacobian[i, 0], jacobian[i, 1], jacobian[i, 2] = q * hx, q * hy, q * hz
+        jacobian[i, 3] = Y * hz - Z * hy
+        jacobian[i, 4] = Z * hx - X * hz
+        jacobian[i, 5] = X * hy - Y * hx
+        jacobian[i, 6], jacobian[i, 7] = -expected, -1.0
+        jacobian[i, 8], jacobian[i, 9] = -expected * xi, -expected * yi
+        depth_slope = hx * T[0, 3] + hy * T[1, 3] + hz * T[2, 3]
+        by_depth[i] = depth_slope
+        if n_columns > N_ALIGNED:
+            ax = T[0, 0] * hx + T[1, 0] * hy + T[2, 0] * hz
+            ay = T[0, 1] * hx + T[1, 1] * hy + T[2, 1] * hz
+            for j in range(5):
+                jacobian[i, 10 + j] = ax * by_camera[i, 0, j] + ay * by_camera[i, 1, j]
+            jacobian[i, 10] += f * d * along
+            jacobian[i, 11] += gx
+            jacobian[i, 12] += gy
+            jacobian[i, 13] += f * r2 * along
+            jacobian[i, 14] += f * r2 * r2 * along
+            jacobian[i, 15] = depth_slope * q
+            jacobian[i, 16], jacobian[i, 17] = depth_slope * xi, depth_slope * yi
+    return n_seen
