@@ -12,7 +12,6 @@ from servoscope.keyframe.motion import adjoint, conjugate, exponential, logarith
 from servoscope.keyframe.views import View
 from servoscope.keyframe.warping import (
     CAMERA,
-    LIGHT,
     MOTION,
     N_COLUMNS,
     RELIEF,
@@ -30,7 +29,9 @@ factor and slopes of the relief."""
 
 N_GLOBAL = 20
 N_LOCAL = 10
-"""Unknowns of each image: a twist of its pose, and its light."""
+"""Unknowns of each image: a twist of its pose, and its light but for curvatures of the gain."""
+
+_LIGHT = slice(6, 10)
 
 BEND = 2.5
 """Residuals of this many standard deviations count a quarter."""
@@ -246,7 +247,7 @@ class Adjustment:
         for i, image in enumerate(self.images):
             linearise(
                 image, T[i], camera.values, view.aspect, xy, rays, by_camera, depth, grey,
-                state.light[i], jacobian, by_depth, residuals,
+                np.append(state.light[i], np.zeros(3)), jacobian, by_depth, residuals,
             )  # fmt: skip
             chain[MOTION, MOUNT] = turned[i] @ (adjoint(nominal[i]) - np.eye(6))
             chain[MOTION, REFERENCE] = adjoint(T[i])
@@ -268,7 +269,7 @@ class Adjustment:
         off[OPTICS][1:] = state.camera.values[1:] - priors.principal_and_distortion
         local = off[N_GLOBAL:].reshape(n, N_LOCAL)
         local[:, MOTION] = logarithm(state.corrections)
-        local[:, LIGHT] = state.light - [1.0, 0.0, 0.0, 0.0]
+        local[:, _LIGHT] = state.light - [1.0, 0.0, 0.0, 0.0]
         with np.errstate(divide="ignore"):
             return 1 / sigma**2, off
 
@@ -326,7 +327,7 @@ class Adjustment:
             state.mount @ exponential(step[MOUNT]),
             state.reference @ exponential(step[REFERENCE]),
             exponential(local[:, MOTION]) @ state.corrections,
-            state.light + local[:, LIGHT],
+            state.light + local[:, _LIGHT],
             np.maximum(relief, LEAST_INVERSE_DEPTH).reshape(self.view.shape),
         )
 

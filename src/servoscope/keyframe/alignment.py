@@ -11,8 +11,14 @@ from numpy.typing import NDArray
 from servoscope.keyframe.adjustment import MOUNT, OPTICS, PLANE
 from servoscope.keyframe.camera import CameraModel
 from servoscope.keyframe.levels import EVEN_LIGHT, N_BLOCKS, PRIOR, Guess, Level
-from servoscope.keyframe.motion import adjoint, conjugate, displacement_by_twist
-from servoscope.keyframe.views import View
+from servoscope.keyframe.motion import (
+    adjoint,
+    conjugate,
+    displacement_by_twist,
+    exponential,
+    logarithm,
+)
+from servoscope.keyframe.views import View, high_pass
 from servoscope.keyframe.warping import MOTION, N_ALIGNED, N_COLUMNS
 from servoscope.poses import displacements_from_poses, inverse_transform, rigid_transform
 
@@ -20,8 +26,10 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 _LEVELS = ((32, 2.0, 10), (64, 1.2, 8), (128, 1.0, 5))
+_STIFFNESS = (1.0, 0.1, 0.0)
 _N_STARTS = 5
-_N_COMPARED = 3
+_N_COMPARED = 5
+_N_SPREAD = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +50,9 @@ class Alignment:
         Mean correlation of blocks of the image with what the keyframe expects there, 0 to 1.
     share_visible : float
         Share of the keyframe that is within the image.
-    light : ndarray of shape (4,)
-        Gain, offset [grey], and slopes of the gain to the right and down, [1 / image width].
+    light : ndarray of shape (7,)
+        Gain, offset [grey], slopes of the gain to the right and down, [1 / image width], and its
+        curvatures.
     """
 
     displacement: Array
@@ -90,19 +99,26 @@ class Aligner:
     ) -> None:
         self.mount, self.calibration, self.pivot = mount, calibration, pivot
         self.levels = []
-        for width, sigma, _ in _LEVELS:
+        for (width, sigma, _), stiffness in zip(_LEVELS, _STIFFNESS, strict=True):
             view = View.of(reference_image, min(width, reference_image.shape[1]), sigma)
             depth, weight = view.resize(inverse_depth), view.resize(trust)
-            self.levels.append(Level(view, camera, depth, weight))
-        self.starts = [np.eye(4), *inverse_transform(conjugate(mount, displacements))]
+            self.levels.append(Level(view, camera, depth, weight, stiffness))
+        first = self.levels[0]
+        grey = high_pass(first.view.grey)
+        view = View(grey, first.view.aspect, first.view.sigma)
+        self._without_light = Level(
+            view, camera, view.resize(inverse_depth), view.resize(trust), _STIFFNESS[0]
+        )
+        self.starts = _starts(inverse_transform(conjugate(mount, displacements)))
 
     def align(self, image: NDArray[np.uint8], start: Array | None) -> Alignment:
         """See `Keyframe.align`."""
         prepared = [level.view.prepare(image) for level in self.levels]
         if start is None:
-            guess = self._search(prepared)
+            starts, n_starts = self.starts, _N_STARTS
         else:
-            guess = Guess(inverse_transform(conjugate(self.mount, start)), EVEN_LIGHT)
+            starts, n_starts = [inverse_transform(conjugate(self.mount, start))], 1
+        guess = self._best(prepared, starts, n_starts)
         for level, grey, (_, _, n_steps) in zip(
             self.levels[1:], prepared[1:], _LEVELS[1:], strict=True
         ):
@@ -113,16 +129,25 @@ class Aligner:
         covariance = self._covariance(prepared[-1], guess, displacement)
         return Alignment(displacement, delta_p, covariance, similarity, share_visible, guess.light)
 
-    def _search(self, prepared: Sequence[Floats]) -> Guess:
-        """The best of several starts."""
-        coarse, middle = self.levels[:2]
-        scores = [coarse.correlation(prepared[0], T) for T in self.starts]
-        found = []
-        for k in np.argsort(scores, kind="stable")[::-1][:_N_STARTS]:
-            guess = coarse.descend(prepared[0], Guess(self.starts[k], EVEN_LIGHT), _LEVELS[0][2])
-            guess = middle.descend(prepared[1], guess, _N_COMPARED)
-            found.append((middle.compare(prepared[1], guess.T)[0], guess))
-        return max(found, key=lambda pair: pair[0])[1]
+    def _best(self, prepared: Sequence[Floats], starts: Sequence[Array], n_starts: int) -> Guess:
+        """The guess that explains an image best, of those that several starts lead to.
+
+        From a single start the coarsest resolution is left out as well: what covers a part of the
+        view, or lights it otherwise, misleads there.
+        """
+        middle = self.levels[1]
+        guesses = [Guess(starts[0], EVEN_LIGHT)] if len(starts) == 1 else []
+        for level, image in (
+            (self.levels[0], prepared[0]),
+            (self._without_light, high_pass(prepared[0])),
+        ):
+            scores = [level.correlation(image, T) for T in starts]
+            for k in np.argsort(scores, kind="stable")[::-1][:n_starts]:
+                coarse = level.descend(image, Guess(starts[k], EVEN_LIGHT), _LEVELS[0][2])
+                guesses.append(Guess(coarse.T, EVEN_LIGHT))
+        found = [middle.descend(prepared[1], guess, _N_COMPARED) for guess in guesses]
+        scale = min(middle.scale(prepared[1], guess) for guess in found)
+        return min(found, key=lambda guess: middle.cost(prepared[1], guess, scale))
 
     def _covariance(self, image: Floats, guess: Guess, displacement: Array) -> Array:
         """Covariance of the displacement about the pivot."""
@@ -146,3 +171,10 @@ class Aligner:
         P = rigid_transform(np.eye(3), [0.0, 0.0, self.pivot])
         about = displacement_by_twist(conjugate(P, displacement))
         return -about @ adjoint(inverse_transform(P) @ self.mount)
+
+
+def _starts(transforms: Array) -> list[Array]:
+    """None, those that are given, and more that are spread as they are."""
+    twists = logarithm(transforms)
+    mix = np.random.default_rng(0).normal(size=(_N_SPREAD, len(twists))) / np.sqrt(len(twists))
+    return [np.eye(4), *transforms, *exponential(mix @ twists)]

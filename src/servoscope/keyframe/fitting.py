@@ -98,7 +98,7 @@ def fit_state(
 def find_mount(
     images: Images, displacements: Array, reference_image: Images, known: Known, priors: Priors
 ) -> State:
-    """CameraModel, mount and a plane from the nearest images, at low resolution, from many starts."""
+    """Camera, mount and a plane from the nearest images at low resolution, from many starts."""
     adjustment = _adjustment(images, displacements, reference_image, 32, 1.5, priors)
     cameras = [CameraModel(f) for f in FOCAL_LENGTHS] if known.camera is None else [known.camera]
     mounts = (

@@ -22,11 +22,14 @@ BEND = 2.5
 LEAST_SCALE = 0.5
 """Residuals are never taken to spread less than this, [grey]."""
 
-EVEN_LIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+CUT = 3.0
+"""Residuals of this many standard deviations say that something else is seen."""
 
-PRIOR = np.array([0.3] * 3 + [1.0] * 3 + [0.5, 40.0, 0.7, 0.7])
+EVEN_LIGHT = np.array([1.0] + [0.0] * 6)
+
+PRIOR = np.array([0.3] * 3 + [1.0] * 3 + [0.5, 40.0, 0.7, 0.7, 1.0, 1.0, 1.0])
 """Standard deviations before the image is seen: of a displacement, [m] and [rad], of gain,
-offset [grey] and slopes of the gain."""
+offset [grey], slopes and curvatures of the gain."""
 
 N_BLOCKS = 12
 """Blocks along each side of the view, inside which residuals are taken to be correlated."""
@@ -43,8 +46,8 @@ class Guess:
     ----------
     T : ndarray of shape (4, 4)
         Reference camera to the image's camera.
-    light : ndarray of shape (4,)
-        Gain, offset, and slopes of the gain.
+    light : ndarray of shape (7,)
+        As in `warping.LIGHT`.
     """
 
     T: Array
@@ -61,10 +64,20 @@ class Level:
     inverse_depth : ndarray of shape (height, width), float32
     trust : ndarray of shape (height, width), float32
         Weight of each pixel; those of zero are left out.
+    stiffness : float
+        How much of a residual of one standard deviation everywhere a light that is off by one
+        standard deviation counts. Far from the truth, a gain near zero would explain much.
     """
 
-    def __init__(self, view: View, camera: CameraModel, inverse_depth: Floats, trust: Floats) -> None:
-        self.view, self.camera = view, camera
+    def __init__(
+        self,
+        view: View,
+        camera: CameraModel,
+        inverse_depth: Floats,
+        trust: Floats,
+        stiffness: float = 0.0,
+    ) -> None:
+        self.view, self.camera, self.stiffness = view, camera, stiffness
         self.used = np.flatnonzero(trust.ravel() > 0)
         rays, by_camera = camera.rays(view.points[self.used])
         self._xy = view.points[self.used].astype(np.float32)
@@ -124,15 +137,20 @@ class Level:
             A step that moves what is seen by less is the last, [px].
         """
         width, precision = self.view.width, 1 / PRIOR**2
+        precision[LIGHT] *= 1 + self.stiffness * len(self.used)
         reach = width * self.camera.f
         depth = float(np.median(self._depth))
-        for _ in range(n_steps):
+        for k in range(n_steps + 1):
             J, r, w = self.linearise(image, guess)
             weighted = J * w[:, None]
             H = (weighted.T @ J).astype(float)
             g = -(weighted.T @ r).astype(float)
             g[LIGHT] -= precision[LIGHT] * (guess.light - EVEN_LIGHT)
             H[np.diag_indices(N_ALIGNED)] += precision
+            if k == 0:  # light alone: it may be far from even
+                light = guess.light + np.linalg.solve(H[LIGHT, LIGHT], g[LIGHT])
+                guess = Guess(guess.T, light)
+                continue
             step = np.linalg.solve(H, g)
             flow = reach * max(
                 depth * float(np.linalg.norm(step[:3])), float(np.linalg.norm(step[3:6]))
@@ -142,6 +160,19 @@ class Level:
             if flow < tolerance:
                 break
         return guess
+
+    def cost(self, image: Floats, guess: Guess, scale: float) -> float:
+        """Mean square of residuals in standard deviations, each 1 at most; unseen ones count 1."""
+        _, residuals, _ = self.linearise(image, guess)
+        return float(np.minimum((residuals / (CUT * scale)) ** 2, 1).mean())
+
+    def scale(self, image: Floats, guess: Guess) -> float:
+        """Robust standard deviation of the residuals, [grey]."""
+        _, residuals, _ = self.linearise(image, guess)
+        seen = residuals > UNSEEN
+        if 4 * np.count_nonzero(seen) < len(seen):
+            return 255.0
+        return max(LEAST_SCALE, 1.4826 * float(np.median(np.abs(residuals[seen]))))
 
     def compare(self, image: Floats, T: Array) -> tuple[float, float]:
         """Mean correlation of blocks with what is expected there, and the share that is seen.

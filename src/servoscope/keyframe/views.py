@@ -23,6 +23,12 @@ def prepare(image: NDArray[np.generic], width: int, sigma: float) -> Floats:
     return np.ascontiguousarray(grey)
 
 
+def high_pass(grey: Floats, share: float = 0.15) -> Floats:
+    """What is finer than a share of the width: free of light that varies slowly."""
+    sigma = share * grey.shape[1]
+    return grey - cv2.GaussianBlur(grey, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+
+
 def level_height(shape: tuple[int, ...], width: int) -> int:
     """Height of an image of `shape` (height, width) when it is made `width` wide, [px]."""
     return max(2, round(width * shape[0] / shape[1]))

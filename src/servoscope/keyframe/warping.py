@@ -14,23 +14,25 @@ from servoscope.compiled import compiled
 MOTION = slice(0, 6)
 """Columns of the derivative by a twist before T, ``T <- exp(twist) T``."""
 
-LIGHT = slice(6, 10)
-"""Columns by gain, offset, and slopes of the gain to the right and down."""
+LIGHT = slice(6, 13)
+"""Columns by gain, offset, slopes of the gain to the right and down, and its curvature xx, xy, yy.
+"""
 
-CAMERA = slice(10, 15)
+CAMERA = slice(13, 18)
 """Columns by ln f, cx, cy, k1, k2."""
 
-RELIEF = slice(15, 18)
+RELIEF = slice(18, 21)
 """Columns by a factor, and slopes to the right and down, of all inverse depths."""
 
-N_COLUMNS = 18
-N_ALIGNED = 10
+N_COLUMNS = 21
+N_ALIGNED = 13
 """Columns that the alignment of one image needs: the first ones."""
 
 UNSEEN = np.float32(-1e6)
 """What stands for the grey level and the residual of a point that is not seen."""
 
 _NEAREST = 0.05
+_SATURATED = 250.0
 
 
 @compiled(fastmath=True, error_model="numpy", inline="always")
@@ -89,8 +91,9 @@ def linearise(
 ):
     """Residuals of one image at the points of the reference, and their derivatives.
 
-    The residual is ``I(u) - (g + gx x + gy y) I_ref - o``. As many columns are written as
-    `jacobian` has; rows of points that are not seen are zero.
+    The residual is ``I(u) - g(x, y) I_ref - o`` with a gain that is a polynomial of the second
+    degree. As many columns are written as
+    `jacobian` has; rows of points that are not seen, or saturated and expected to be, are zero.
 
     Parameters
     ----------
@@ -105,8 +108,8 @@ def linearise(
         Where the points are in the reference image, and their rays.
     by_camera : array of shape (n, 2, 5), float32
     inverse_depth, reference : arrays of shape (n,), float32
-    light : array of shape (4,)
-        g, o, gx, gy.
+    light : array of shape (7,)
+        Of the gain its constant; the offset; of the gain x, y, xx, xy and yy.
     jacobian : array of shape (n, columns), float32
         Written: derivatives by `MOTION`, `LIGHT`, and, if it is that wide, `CAMERA` and `RELIEF`.
     by_depth, residuals : arrays of shape (n,), float32
@@ -129,7 +132,13 @@ def linearise(
             continue
         n_seen += 1
         xi, yi, expected = points[i, 0], points[i, 1], reference[i]
-        residuals[i] = grey - (light[0] + light[2] * xi + light[3] * yi) * expected - light[1]
+        gain = light[0] + xi * (light[2] + light[4] * xi + light[5] * yi)
+        gain += yi * (light[3] + light[6] * yi)
+        residuals[i] = grey - gain * expected - light[1]
+        if grey > _SATURATED and residuals[i] < 0.0:
+            jacobian[i] = 0.0
+            by_depth[i] = residuals[i] = 0.0
+            continue
         along = gx * px + gy * py
         bend = 2.0 * (k1 + 2.0 * k2 * r2) * along
         hx, hy = f * (d * gx + bend * px) * iz, f * (d * gy + bend * py) * iz
@@ -140,18 +149,21 @@ def linearise(
         jacobian[i, 5] = X * hy - Y * hx
         jacobian[i, 6], jacobian[i, 7] = -expected, -1.0
         jacobian[i, 8], jacobian[i, 9] = -expected * xi, -expected * yi
+        jacobian[i, 10] = -expected * xi * xi
+        jacobian[i, 11] = -expected * xi * yi
+        jacobian[i, 12] = -expected * yi * yi
         depth_slope = hx * T[0, 3] + hy * T[1, 3] + hz * T[2, 3]
         by_depth[i] = depth_slope
         if n_columns > N_ALIGNED:
             ax = T[0, 0] * hx + T[1, 0] * hy + T[2, 0] * hz
             ay = T[0, 1] * hx + T[1, 1] * hy + T[2, 1] * hz
             for j in range(5):
-                jacobian[i, 10 + j] = ax * by_camera[i, 0, j] + ay * by_camera[i, 1, j]
-            jacobian[i, 10] += f * d * along
-            jacobian[i, 11] += gx
-            jacobian[i, 12] += gy
-            jacobian[i, 13] += f * r2 * along
-            jacobian[i, 14] += f * r2 * r2 * along
-            jacobian[i, 15] = depth_slope * q
-            jacobian[i, 16], jacobian[i, 17] = depth_slope * xi, depth_slope * yi
+                jacobian[i, 13 + j] = ax * by_camera[i, 0, j] + ay * by_camera[i, 1, j]
+            jacobian[i, 13] += f * d * along
+            jacobian[i, 14] += gx
+            jacobian[i, 15] += gy
+            jacobian[i, 16] += f * r2 * along
+            jacobian[i, 17] += f * r2 * r2 * along
+            jacobian[i, 18] = depth_slope * q
+            jacobian[i, 19], jacobian[i, 20] = depth_slope * xi, depth_slope * yi
     return n_seen
