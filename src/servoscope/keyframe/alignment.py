@@ -30,6 +30,7 @@ _STIFFNESS = (1.0, 0.1, 0.0)
 _N_STARTS = 5
 _N_COMPARED = 5
 _N_SPREAD = 200
+_ENOUGH = 0.85
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +136,12 @@ class Aligner:
         From a single start the coarsest resolution is left out as well: what covers a part of the
         view, or lights it otherwise, misleads there.
         """
-        middle = self.levels[1]
-        guesses = [Guess(starts[0], EVEN_LIGHT)] if len(starts) == 1 else []
+        middle, guesses = self.levels[1], []
+        if len(starts) == 1:
+            guess = middle.descend(prepared[1], Guess(starts[0], EVEN_LIGHT), _N_COMPARED)
+            if middle.compare(prepared[1], guess.T)[0] > _ENOUGH:
+                return guess
+            guesses.append(guess)
         for level, image in (
             (self.levels[0], prepared[0]),
             (self._without_light, high_pass(prepared[0])),

@@ -216,8 +216,7 @@ class Keyframe:
         self._check_image(image)
         if start is not None:
             start = self._check_displacement(start)
-        with threadpool_limits(1):
-            return self._aligner.align(image, start)
+        return self._aligner.align(image, start)
 
     def render(
         self, displacement: ArrayLike, width: int | None = None

@@ -11,7 +11,15 @@ from servoscope.keyframe.camera import CameraModel
 from servoscope.keyframe.motion import exponential
 from servoscope.keyframe.starts import correlation
 from servoscope.keyframe.views import View
-from servoscope.keyframe.warping import LIGHT, MOTION, N_ALIGNED, UNSEEN, linearise, sample
+from servoscope.keyframe.warping import (
+    LIGHT,
+    MOTION,
+    N_ALIGNED,
+    UNSEEN,
+    linearise,
+    normal_equations,
+    sample,
+)
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -35,7 +43,17 @@ N_BLOCKS = 12
 """Blocks along each side of the view, inside which residuals are taken to be correlated."""
 
 _LEAST_DEVIATION = 1.0
+_MOST_RANKED = 4096
 _LONGEST_STEP = 0.15
+
+
+def robust_scale(residuals: Floats) -> float:
+    """Standard deviation of most residuals, [grey]; 255 where little is seen."""
+    some = residuals[:: max(1, len(residuals) // _MOST_RANKED)]
+    seen = some[some > UNSEEN]
+    if 4 * len(seen) < len(some):
+        return 255.0
+    return max(LEAST_SCALE, 1.4826 * float(np.median(np.abs(seen))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +132,7 @@ class Level:
             self._depth, self._grey, guess.light, jacobian, self._by_depth, residuals,
         )  # fmt: skip
         seen = residuals > UNSEEN
-        scale = LEAST_SCALE
-        if seen.any():
-            scale = max(scale, 1.4826 * float(np.median(np.abs(residuals[seen]))))
+        scale = robust_scale(residuals)
         ratio = residuals * np.float32(1 / (BEND * scale))
         ratio *= ratio
         ratio += 1
@@ -143,8 +159,7 @@ class Level:
         for k in range(n_steps + 1):
             J, r, w = self.linearise(image, guess)
             weighted = J * w[:, None]
-            H = (weighted.T @ J).astype(float)
-            g = -(weighted.T @ r).astype(float)
+            H, g = (weighted.T @ J).astype(float), -(weighted.T @ r).astype(float)
             g[LIGHT] -= precision[LIGHT] * (guess.light - EVEN_LIGHT)
             H[np.diag_indices(N_ALIGNED)] += precision
             if k == 0:  # light alone: it may be far from even
@@ -169,10 +184,7 @@ class Level:
     def scale(self, image: Floats, guess: Guess) -> float:
         """Robust standard deviation of the residuals, [grey]."""
         _, residuals, _ = self.linearise(image, guess)
-        seen = residuals > UNSEEN
-        if 4 * np.count_nonzero(seen) < len(seen):
-            return 255.0
-        return max(LEAST_SCALE, 1.4826 * float(np.median(np.abs(residuals[seen]))))
+        return robust_scale(residuals)
 
     def compare(self, image: Floats, T: Array) -> tuple[float, float]:
         """Mean correlation of blocks with what is expected there, and the share that is seen.
