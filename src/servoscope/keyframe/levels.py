@@ -17,7 +17,6 @@ from servoscope.keyframe.warping import (
     N_ALIGNED,
     UNSEEN,
     linearise,
-    normal_equations,
     sample,
 )
 
