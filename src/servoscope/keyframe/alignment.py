@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.keyframe.adjustment import MOUNT, OPTICS, PLANE
 from servoscope.keyframe.camera import CameraModel
 from servoscope.keyframe.levels import EVEN_LIGHT, N_BLOCKS, PRIOR, Guess, Level
 from servoscope.keyframe.motion import (
@@ -19,7 +18,7 @@ from servoscope.keyframe.motion import (
     logarithm,
 )
 from servoscope.keyframe.views import View, high_pass
-from servoscope.keyframe.warping import MOTION, N_ALIGNED, N_COLUMNS
+from servoscope.keyframe.warping import MOTION
 from servoscope.poses import displacements_from_poses, inverse_transform, rigid_transform
 
 Array = NDArray[np.float64]
@@ -46,7 +45,7 @@ class Alignment:
         The same about the pivot, [m] and [rad], in `DOFS` order.
     covariance : ndarray of shape (6, 6)
         Of `delta_p`: from the residuals, correlated as they are inside blocks of the view, and
-        from what the keyframe does not know of its camera, mount and depth.
+        from the keyframe's own errors, which grow with the displacement.
     similarity : float
         Mean correlation of blocks of the image with what the keyframe expects there, 0 to 1.
     share_visible : float
@@ -81,10 +80,10 @@ class Aligner:
         Over the reference image, of any resolution.
     displacements : ndarray of shape (n, 4, 4)
         Tried, beside none, where no first guess is given.
-    calibration : ndarray of shape (20, 20)
-        Covariance of what all images share, in the order of the adjustment.
     pivot : float
         [m].
+    model_error : ndarray of shape (6,)
+        Standard deviation of each dof per radian that the view is shifted.
     """
 
     def __init__(
@@ -95,10 +94,11 @@ class Aligner:
         inverse_depth: Floats,
         trust: Floats,
         displacements: Array,
-        calibration: Array,
         pivot: float,
+        model_error: Array,
     ) -> None:
-        self.mount, self.calibration, self.pivot = mount, calibration, pivot
+        self.mount, self.pivot, self.model_error = mount, pivot, model_error
+        self._inverse_depth = float(np.median(inverse_depth))
         self.levels = []
         for (width, sigma, _), stiffness in zip(_LEVELS, _STIFFNESS, strict=True):
             view = View.of(reference_image, min(width, reference_image.shape[1]), sigma)
@@ -154,22 +154,26 @@ class Aligner:
         scale = min(middle.scale(prepared[1], guess) for guess in found)
         return min(found, key=lambda guess: middle.cost(prepared[1], guess, scale))
 
+    def view_shift(self, T: Array) -> float:
+        """How far a motion of the camera moves what is seen, roughly, [rad]."""
+        v, w = np.split(logarithm(T), 2)
+        return float(np.linalg.norm(v) * self._inverse_depth + np.linalg.norm(w))
+
     def _covariance(self, image: Floats, guess: Guess, displacement: Array) -> Array:
-        """Covariance of the displacement about the pivot."""
-        J, r, w = self.levels[-1].linearise(image, guess, N_COLUMNS)
-        H = ((J * w[:, None]).T @ J).astype(float)
-        own = slice(0, N_ALIGNED)
-        bread = np.linalg.inv(H[own, own] + np.diag(1 / PRIOR**2))
-        scores = J[:, own] * (w * r)[:, None]
+        """Covariance of the displacement about the pivot.
+
+        The sandwich formula with residuals that are correlated inside blocks of the view, and the
+        keyframe's own errors, which grow with the displacement.
+        """
+        J, r, w = self.levels[-1].linearise(image, guess)
+        bread = np.linalg.inv(((J * w[:, None]).T @ J).astype(float) + np.diag(1 / PRIOR**2))
+        scores = J * (w * r)[:, None]
         blocks = self.levels[-1].blocks
         sums = np.stack([np.bincount(blocks, s, N_BLOCKS**2) for s in scores.T], axis=1)
         meat = sums.T @ sums + np.diag(1 / PRIOR**2)
-        residual = (bread @ meat @ bread)[MOTION, MOTION]
-        to_robot = self.by_twist(displacement)
-        by_shared = np.zeros((6, len(self.calibration)))
-        by_shared[:, OPTICS.start : PLANE.stop] = -to_robot @ (bread @ H[own, N_ALIGNED:])[MOTION]
-        by_shared[:, MOUNT] = -to_robot @ (adjoint(guess.T) - np.eye(6))
-        return to_robot @ residual @ to_robot.T + by_shared @ self.calibration @ by_shared.T
+        by_twist = self.by_twist(displacement)
+        own = by_twist @ (bread @ meat @ bread)[MOTION, MOTION] @ by_twist.T
+        return own + np.diag((self.view_shift(guess.T) * self.model_error) ** 2)
 
     def by_twist(self, displacement: Array) -> Array:
         """Derivative of the displacement about the pivot by a twist before T, shape (6, 6)."""

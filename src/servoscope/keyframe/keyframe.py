@@ -22,7 +22,7 @@ from servoscope.keyframe.motion import conjugate
 from servoscope.keyframe.rendering import draw, project
 from servoscope.keyframe.views import View
 from servoscope.keyframe.warping import LIGHT, MOTION
-from servoscope.poses import inverse_transform, is_rigid
+from servoscope.poses import displacements_from_poses, inverse_transform, is_rigid
 
 Array = NDArray[np.float64]
 
@@ -32,6 +32,10 @@ LEAST_IMAGES = 6
 LEAST_SIDE = 32
 """Fewest rows and columns of an image, [px]."""
 
+MOST_READ = 30
+"""Most of the fitted images from which the keyframe's own errors are found."""
+
+_OPTIMISM = 1.25
 _SURE = 0.3
 _JUMP = 0.03
 
@@ -58,6 +62,9 @@ class Keyframe:
     covariance : ndarray of shape (20, 20)
         Of mount (a twist), reference pose (a twist), camera (ln f, cx, cy, k1, k2), and factor and
         slopes of the relief.
+    model_error : ndarray of shape (6,)
+        Standard deviation of what is read of each dof, per radian that the view is shifted; at the
+        reference the keyframe's own errors vanish.
     pivot : float
         Distance along z of the reported frame of the point that displacements are taken about, [m].
     residual : float
@@ -75,7 +82,7 @@ class Keyframe:
     >>> flat = np.full((48, 64), 2.0, np.float32)
     >>> keyframe = Keyframe(
     ...     plate.astype(np.uint8), CameraModel(1.5), np.eye(4), flat, np.ones_like(flat),
-    ...     np.eye(4)[None], np.zeros((20, 20)), pivot=0.5, residual=1.0, noise=1.0,
+    ...     np.eye(4)[None], np.zeros((20, 20)), np.zeros(6), pivot=0.5, residual=1.0, noise=1.0,
     ... )
     >>> aside = np.eye(4)
     >>> aside[0, 3] = 0.01
@@ -91,6 +98,7 @@ class Keyframe:
     trust: NDArray[np.float32]
     displacements: Array
     covariance: Array
+    model_error: Array
     pivot: float
     residual: float
     noise: float
@@ -152,7 +160,7 @@ class Keyframe:
                 images[chosen], displacements[chosen], reference_image, known, priors
             )
         state = solution.state
-        return cls(
+        keyframe = cls(
             np.array(reference_image),
             state.camera,
             state.mount,
@@ -160,16 +168,28 @@ class Keyframe:
             np.asarray(solution.trust, dtype=np.float32),
             displacements[chosen],
             solution.covariance,
+            np.zeros(6),
             float(pivot),
             solution.cost,
             pixel_noise(images[chosen]),
-        )._at_infinity_without_depth()
+        )
+        if not keyframe.observable["depth"]:  # only rotations are read from images
+            flat = np.full_like(keyframe.inverse_depth, LEAST_INVERSE_DEPTH)
+            keyframe = replace(keyframe, inverse_depth=flat)
+        return replace(keyframe, model_error=keyframe._find_model_error(images[chosen]))
 
-    def _at_infinity_without_depth(self) -> Keyframe:
-        """Where no translation informs the depth, only rotations are read from images."""
-        if self.observable["depth"]:
-            return self
-        return replace(self, inverse_depth=np.full_like(self.inverse_depth, LEAST_INVERSE_DEPTH))
+    def _find_model_error(self, images: NDArray[np.uint8]) -> Array:
+        """Robust deviation of what is read of the fitted images, beyond what each explains."""
+        some = np.linspace(0, len(images) - 1, min(len(images), MOST_READ)).round().astype(int)
+        squares = []
+        for k in some:
+            D = self.displacements[k]
+            found = self._aligner.align(images[k], D)
+            (reported,) = displacements_from_poses(np.eye(4), D[None], self.pivot)
+            shift = self._aligner.view_shift(conjugate(self.mount, D))
+            beyond = (found.delta_p - reported) ** 2 - np.diag(found.covariance)
+            squares.append(beyond / max(shift, 1e-3) ** 2)
+        return _OPTIMISM * 1.4826 * np.sqrt(np.maximum(np.median(squares, axis=0), 0))
 
     @property
     def observable(self) -> dict[str, bool]:
@@ -190,7 +210,7 @@ class Keyframe:
     def _aligner(self) -> Aligner:
         return Aligner(
             self.reference_image, self.camera, self.mount, self.inverse_depth, self.trust,
-            self.displacements, self.covariance, self.pivot,
+            self.displacements, self.pivot, self.model_error,
         )  # fmt: skip
 
     def align(self, image: NDArray[np.uint8], start: ArrayLike | None = None) -> Alignment:
@@ -356,6 +376,7 @@ def _check_arrays(values: dict[str, Any]) -> None:
     n_fitted = len(values["displacements"]) if values["displacements"].ndim else 0
     shapes = {
         "camera": (5,), "mount": (4, 4), "trust": depth.shape, "covariance": (20, 20),
+        "model_error": (6,),
         "displacements": (n_fitted, 4, 4), "pivot": (), "residual": (), "noise": (),
     }  # fmt: skip
     wrong = [name for name, shape in shapes.items() if values[name].shape != shape]

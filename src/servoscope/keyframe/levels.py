@@ -43,6 +43,7 @@ N_BLOCKS = 12
 
 _LEAST_DEVIATION = 1.0
 _MOST_RANKED = 4096
+_NO_CAMERA = np.zeros((1, 2, 5), np.float32)
 _LONGEST_STEP = 0.15
 
 
@@ -96,9 +97,9 @@ class Level:
     ) -> None:
         self.view, self.camera, self.stiffness = view, camera, stiffness
         self.used = np.flatnonzero(trust.ravel() > 0)
-        rays, by_camera = camera.rays(view.points[self.used])
+        rays, _ = camera.rays(view.points[self.used])
         self._xy = view.points[self.used].astype(np.float32)
-        self._rays, self._by_camera = rays.astype(np.float32), by_camera.astype(np.float32)
+        self._rays = rays.astype(np.float32)
         self._depth = inverse_depth.ravel()[self.used].astype(np.float32)
         self._grey = view.grey.ravel()[self.used]
         self._trust = trust.ravel()[self.used].astype(np.float32)
@@ -115,19 +116,14 @@ class Level:
             image, T, self._values, self.view.aspect, self._rays, self._depth, self._grey
         )
 
-    def linearise(
-        self, image: Floats, guess: Guess, n_columns: int = N_ALIGNED
-    ) -> tuple[Floats, Floats, Floats]:
-        """Derivatives (n, n_columns), residuals, and robust inverse variances of an image.
+    def linearise(self, image: Floats, guess: Guess) -> tuple[Floats, Floats, Floats]:
+        """Derivatives (n, 13), residuals, and robust inverse variances of an image.
 
         The arrays are written over by the next call.
         """
-        jacobian = self._jacobian
-        if n_columns != N_ALIGNED:
-            jacobian = np.empty((len(self.used), n_columns), np.float32)
-        residuals = self._residuals
+        jacobian, residuals = self._jacobian, self._residuals
         linearise(
-            image, guess.T, self._values, self.view.aspect, self._xy, self._rays, self._by_camera,
+            image, guess.T, self._values, self.view.aspect, self._xy, self._rays, _NO_CAMERA,
             self._depth, self._grey, guess.light, jacobian, self._by_depth, residuals,
         )  # fmt: skip
         seen = residuals > UNSEEN
