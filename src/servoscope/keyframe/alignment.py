@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.keyframe.camera import CameraModel
-from servoscope.keyframe.levels import EVEN_LIGHT, N_BLOCKS, PRIOR, Guess, Level
+from servoscope.keyframe.levels import BEND, EVEN_LIGHT, N_BLOCKS, PRIOR, Guess, Level
 from servoscope.keyframe.motion import (
     adjoint,
     conjugate,
@@ -30,6 +30,7 @@ _N_STARTS = 5
 _N_COMPARED = 5
 _N_SPREAD = 200
 _ENOUGH = 0.85
+_LEAST_SLOPE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +104,9 @@ class Aligner:
         for (width, sigma, _), stiffness in zip(_LEVELS, _STIFFNESS, strict=True):
             view = View.of(reference_image, min(width, reference_image.shape[1]), sigma)
             depth, weight = view.resize(inverse_depth), view.resize(trust)
-            self.levels.append(Level(view, camera, depth, weight, stiffness))
+            self.levels.append(
+                Level(view, camera, depth, weight, stiffness, width == _LEVELS[-1][0])
+            )
         first = self.levels[0]
         grey = high_pass(first.view.grey)
         view = View(grey, first.view.aspect, first.view.sigma)
@@ -163,10 +166,14 @@ class Aligner:
         """Covariance of the displacement about the pivot.
 
         The sandwich formula with residuals that are correlated inside blocks of the view, and the
-        keyframe's own errors, which grow with the displacement.
+        keyframe's own errors, which grow with the displacement. Robust weights hold less than
+        they say: the slope of what they make of a residual is ``w (1 - 3 u) / (1 + u)``.
         """
-        J, r, w = self.levels[-1].linearise(image, guess)
-        bread = np.linalg.inv(((J * w[:, None]).T @ J).astype(float) + np.diag(1 / PRIOR**2))
+        J, r, w, scale = self.levels[-1].linearise(image, guess)
+        u = (r / (BEND * scale)) ** 2
+        slope = float((w * ((1 - 3 * u) / (1 + u))).sum() / max(float(w.sum()), 1e-12))
+        H = max(slope, _LEAST_SLOPE) * ((J * w[:, None]).T @ J).astype(float)
+        bread = np.linalg.inv(H + np.diag(1 / PRIOR**2))
         scores = J * (w * r)[:, None]
         blocks = self.levels[-1].blocks
         sums = np.stack([np.bincount(blocks, s, N_BLOCKS**2) for s in scores.T], axis=1)

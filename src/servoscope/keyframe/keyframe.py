@@ -114,6 +114,7 @@ class Keyframe:
         pivot: float = 0.55,
         camera: CameraModel | None = None,
         mount: ArrayLike | None = None,
+        distance: float = 0.55,
         pose_noise: tuple[float, float] = (3e-4, 5e-4),
     ) -> Keyframe:
         """A keyframe from images at known displacements.
@@ -127,11 +128,13 @@ class Keyframe:
         reference_image : ndarray of shape (height, width), uint8
         T_world_ref : array of shape (4, 4)
         pivot : float
-            What displacements are taken about, [m]; also, roughly, how far the part is away.
+            What displacements are taken about, along z of the reported frame, [m].
         camera : CameraModel, optional
             If it is known.
         mount : array of shape (4, 4), optional
             Roughly, if it is known: camera coordinates to those of the reported frame, [m].
+        distance : float
+            Of the part from the camera, within a factor of two or so, [m].
         pose_noise : tuple of 2 floats
             Standard deviations of the reported poses, [m] and [rad]: the repeatability of a
             robot, the noise of a tracker.
@@ -143,14 +146,14 @@ class Keyframe:
         Raises
         ------
         InvalidInputError
-            If shapes disagree, a pose is not rigid, or there are fewer than `LEAST_IMAGES` images.
+            If shapes disagree, a pose is not rigid, a number is out of its range, or there are
+            fewer than `LEAST_IMAGES` images.
         """
+        _check_numbers(pivot=pivot, distance=distance, pose_noise=pose_noise)
         _check_images(images, reference_image)
         T_world_cam, T_world_ref = _poses(T_world_cam, T_world_ref, len(images))
         displacements = inverse_transform(T_world_ref) @ T_world_cam
-        distance = pivot if pivot > 0.05 else Known.distance
-        start = None if mount is None else np.asarray(mount, dtype=float)
-        known = Known(camera, start, distance)
+        known = Known(camera, _checked_mount(mount), distance)
         priors = Priors(pose=pose_noise)
         if camera is not None:
             priors = replace(priors, camera=(0.0,) * 5)
@@ -289,7 +292,7 @@ class Keyframe:
         view = View.of(self.reference_image, self.reference_image.shape[1], 0.5)
         depth = view.resize(self.inverse_depth)
         level = Level(view, self.camera, depth, np.ones_like(depth))
-        J, _, _ = level.linearise(view.grey, Guess(np.eye(4), EVEN_LIGHT))
+        J, _, _, _ = level.linearise(view.grey, Guess(np.eye(4), EVEN_LIGHT))
         by_delta_p = J[:, MOTION] @ np.linalg.inv(self._aligner.by_twist(np.eye(4)))
         light = J[:, LIGHT][:, :2]
         return cramer_rao(np.hstack([by_delta_p, light]), noise, view.shape)
@@ -368,6 +371,28 @@ def _poses(T_world_cam: ArrayLike, T_world_ref: ArrayLike, n: int) -> tuple[Arra
                 f"{_describe(T)}."
             )
     return poses
+
+
+def _checked_mount(mount: ArrayLike | None) -> Array | None:
+    if mount is None:
+        return None
+    T = np.asarray(mount, dtype=float)
+    if T.shape != (4, 4) or not np.isfinite(T).all() or not is_rigid(T):
+        raise InvalidInputError(
+            f"mount must be a rigid transform of shape (4, 4), in metres, got {_describe(T)}."
+        )
+    return T
+
+
+def _check_numbers(pivot: float, distance: float, pose_noise: tuple[float, float]) -> None:
+    if not np.isfinite(pivot):
+        raise InvalidInputError(f"pivot must be a finite distance in metres, got {pivot}.")
+    if not 0 < distance < np.inf:
+        raise InvalidInputError(f"distance must be positive, in metres, got {distance}.")
+    if len(pose_noise) != 2 or not all(0 < s < np.inf for s in pose_noise):
+        raise InvalidInputError(
+            f"pose_noise must be two positive deviations, in metres and radians, got {pose_noise}."
+        )
 
 
 def _check_arrays(values: dict[str, Any]) -> None:

@@ -43,7 +43,6 @@ N_BLOCKS = 12
 
 _LEAST_DEVIATION = 1.0
 _MOST_RANKED = 4096
-_NO_CAMERA = np.zeros((1, 2, 5), np.float32)
 _LONGEST_STEP = 0.15
 
 
@@ -82,6 +81,9 @@ class Level:
     inverse_depth : ndarray of shape (height, width), float32
     trust : ndarray of shape (height, width), float32
         Weight of each pixel; those of zero are left out.
+    finest : bool
+        Take derivatives of the keyframe instead of the image: they are free of the image's noise,
+        but good only near the truth.
     stiffness : float
         How much of a residual of one standard deviation everywhere a light that is off by one
         standard deviation counts. Far from the truth, a gain near zero would explain much.
@@ -94,10 +96,13 @@ class Level:
         inverse_depth: Floats,
         trust: Floats,
         stiffness: float = 0.0,
+        finest: bool = False,
     ) -> None:
         self.view, self.camera, self.stiffness = view, camera, stiffness
         self.used = np.flatnonzero(trust.ravel() > 0)
-        rays, _ = camera.rays(view.points[self.used])
+        rays, by_camera = camera.rays(view.points[self.used])
+        self._by_camera = by_camera.astype(np.float32)
+        self._slopes = view.gradient[self.used] if finest else np.empty((0, 2), np.float32)
         self._xy = view.points[self.used].astype(np.float32)
         self._rays = rays.astype(np.float32)
         self._depth = inverse_depth.ravel()[self.used].astype(np.float32)
@@ -116,15 +121,15 @@ class Level:
             image, T, self._values, self.view.aspect, self._rays, self._depth, self._grey
         )
 
-    def linearise(self, image: Floats, guess: Guess) -> tuple[Floats, Floats, Floats]:
-        """Derivatives (n, 13), residuals, and robust inverse variances of an image.
+    def linearise(self, image: Floats, guess: Guess) -> tuple[Floats, Floats, Floats, float]:
+        """Derivatives (n, 13), residuals, robust inverse variances, and the residuals' scale.
 
         The arrays are written over by the next call.
         """
         jacobian, residuals = self._jacobian, self._residuals
         linearise(
-            image, guess.T, self._values, self.view.aspect, self._xy, self._rays, _NO_CAMERA,
-            self._depth, self._grey, guess.light, jacobian, self._by_depth, residuals,
+            image, guess.T, self._values, self.view.aspect, self._xy, self._rays, self._by_camera,
+            self._depth, self._grey, self._slopes, guess.light, jacobian, self._by_depth, residuals,
         )  # fmt: skip
         seen = residuals > UNSEEN
         scale = robust_scale(residuals)
@@ -133,9 +138,9 @@ class Level:
         ratio += 1
         weights = self._trust / (ratio * ratio * np.float32(scale**2))
         weights[~seen] = 0
-        return jacobian, residuals, weights
+        return jacobian, residuals, weights, scale
 
-    def descend(self, image: Floats, guess: Guess, n_steps: int, tolerance: float = 0.02) -> Guess:
+    def descend(self, image: Floats, guess: Guess, n_steps: int, tolerance: float = 0.01) -> Guess:
         """Robust Gauss-Newton from a guess.
 
         Parameters
@@ -152,7 +157,7 @@ class Level:
         reach = width * self.camera.f
         depth = float(np.median(self._depth))
         for k in range(n_steps + 1):
-            J, r, w = self.linearise(image, guess)
+            J, r, w, _ = self.linearise(image, guess)
             weighted = J * w[:, None]
             H, g = (weighted.T @ J).astype(float), -(weighted.T @ r).astype(float)
             g[LIGHT] -= precision[LIGHT] * (guess.light - EVEN_LIGHT)
@@ -173,13 +178,12 @@ class Level:
 
     def cost(self, image: Floats, guess: Guess, scale: float) -> float:
         """Mean square of residuals in standard deviations, each 1 at most; unseen ones count 1."""
-        _, residuals, _ = self.linearise(image, guess)
+        _, residuals, _, _ = self.linearise(image, guess)
         return float(np.minimum((residuals / (CUT * scale)) ** 2, 1).mean())
 
     def scale(self, image: Floats, guess: Guess) -> float:
         """Robust standard deviation of the residuals, [grey]."""
-        _, residuals, _ = self.linearise(image, guess)
-        return robust_scale(residuals)
+        return self.linearise(image, guess)[3]
 
     def compare(self, image: Floats, T: Array) -> tuple[float, float]:
         """Mean correlation of blocks with what is expected there, and the share that is seen.

@@ -74,10 +74,11 @@ class View:
         return np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1).reshape(-1, 2)
 
     @cached_property
-    def slope(self) -> Floats:
-        """Size of the gradient of grey levels, [grey / px], shape (n,)."""
-        dy, dx = np.gradient(self.grey)
-        return np.hypot(dx, dy).ravel()
+    def gradient(self) -> Floats:
+        """Slopes of grey levels to the right and down, [grey / image width], shape (n, 2)."""
+        down, right = np.gradient(self.grey)
+        height, width = self.shape
+        return np.stack([right * width, down * height / self.aspect], -1).reshape(-1, 2)
 
     def prepare(self, image: NDArray[np.generic]) -> Floats:
         """Another image at this resolution."""

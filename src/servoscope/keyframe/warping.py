@@ -73,6 +73,25 @@ def sample(image, T, camera, aspect, rays, inverse_depth, grey):
         grey[i] = seen[1] if seen[0] else UNSEEN
 
 
+@compiled(fastmath=True, error_model="numpy", inline="always")
+def _carried(slope, T, by_camera, f, d, bent, px, py, iz):
+    """A gradient of the reference image, carried to where it is seen, for a point at rest."""
+    x0, y0 = (T[0, 0] - px * T[2, 0]) * iz, (T[1, 0] - py * T[2, 0]) * iz
+    x1, y1 = (T[0, 1] - px * T[2, 1]) * iz, (T[1, 1] - py * T[2, 1]) * iz
+    r0, r1 = bent * (px * x0 + py * y0), bent * (px * x1 + py * y1)
+    u0, v0 = f * (d * x0 + r0 * px), f * (d * y0 + r0 * py)
+    u1, v1 = f * (d * x1 + r1 * px), f * (d * y1 + r1 * py)
+    # a ray changes with its pixel as it does, but for the sign, with the principal point
+    a, b, c, e = -by_camera[0, 1], -by_camera[0, 2], -by_camera[1, 1], -by_camera[1, 2]
+    ux, uy = u0 * a + u1 * c, u0 * b + u1 * e
+    vx, vy = v0 * a + v1 * c, v0 * b + v1 * e
+    determinant = ux * vy - uy * vx
+    return (
+        (vy * slope[0] - vx * slope[1]) / determinant,
+        (ux * slope[1] - uy * slope[0]) / determinant,
+    )
+
+
 @compiled(fastmath=True, error_model="numpy")
 def linearise(
     image,
@@ -84,6 +103,7 @@ def linearise(
     by_camera,
     inverse_depth,
     reference,
+    slopes,
     light,
     jacobian,
     by_depth,
@@ -108,6 +128,10 @@ def linearise(
         Where the points are in the reference image, and their rays.
     by_camera : array of shape (n, 2, 5), float32
     inverse_depth, reference : arrays of shape (n,), float32
+    slopes : array of shape (n, 2) or (0, 2), float32
+        Gradient of the reference image at the points, [grey / image width]. If given, derivatives
+        are taken of it instead of the image, whose noise would otherwise be in both derivatives
+        and residuals.
     light : array of shape (7,)
         Of the gain its constant; the offset; of the gain x, y, xx, xy and yy.
     jacobian : array of shape (n, columns), float32
@@ -139,9 +163,13 @@ def linearise(
             jacobian[i] = 0.0
             by_depth[i] = residuals[i] = 0.0
             continue
+        bent = 2.0 * (k1 + 2.0 * k2 * r2)
+        if slopes.shape[0] > 0:
+            gx, gy = _carried(slopes[i], T, by_camera[i], f, d, bent, px, py, iz)
+            gx, gy = gain * gx, gain * gy
         along = gx * px + gy * py
-        bend = 2.0 * (k1 + 2.0 * k2 * r2) * along
-        hx, hy = f * (d * gx + bend * px) * iz, f * (d * gy + bend * py) * iz
+        hx = f * (d * gx + bent * along * px) * iz
+        hy = f * (d * gy + bent * along * py) * iz
         hz = -(hx * px + hy * py)
         jacobian[i, 0], jacobian[i, 1], jacobian[i, 2] = q * hx, q * hy, q * hz
         jacobian[i, 3] = Y * hz - Z * hy
