@@ -24,7 +24,7 @@ from servoscope.poses import displacements_from_poses, inverse_transform, rigid_
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-_LEVELS = ((32, 2.0, 10), (64, 1.2, 8), (128, 1.0, 5))
+_LEVELS = ((32, 1.0, 10), (64, 0.7, 8), (128, 0.7, 5))
 _STIFFNESS = (1.0, 0.1, 0.0)
 _N_STARTS = 5
 _N_COMPARED = 5
