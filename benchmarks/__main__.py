@@ -22,6 +22,7 @@ KERNELS = (
     "study",
     "photometric",
     "faults",
+    "keyframe",
 )
 
 
