@@ -29,10 +29,10 @@ factor and slopes of the relief."""
 
 N_GLOBAL = 20
 N_LOCAL = 10
-"""Unknowns of each image: a twist of its pose, and its light but for curvatures of the gain."""
+"""Unknowns of each image: a twist of its pose, and its light but for curvatures of the gain
+and defocus."""
 
 _LIGHT = slice(6, 10)
-_NO_SLOPES = np.empty((0, 2), np.float32)
 
 BEND = 2.5
 """Residuals of this many standard deviations count a quarter."""
@@ -248,7 +248,8 @@ class Adjustment:
         for i, image in enumerate(self.images):
             linearise(
                 image, T[i], camera.values, view.aspect, xy, rays, by_camera, depth, grey,
-                _NO_SLOPES, np.append(state.light[i], np.zeros(3)), jacobian, by_depth, residuals,
+                view.texture, False, np.append(state.light[i], np.zeros(4)), jacobian, by_depth,
+                residuals,
             )  # fmt: skip
             chain[MOTION, MOUNT] = turned[i] @ (adjoint(nominal[i]) - np.eye(6))
             chain[MOTION, REFERENCE] = adjoint(T[i])

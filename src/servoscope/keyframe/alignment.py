@@ -51,9 +51,9 @@ class Alignment:
         Mean correlation of blocks of the image with what the keyframe expects there, 0 to 1.
     share_visible : float
         Share of the keyframe that is within the image.
-    light : ndarray of shape (7,)
-        Gain, offset [grey], slopes of the gain to the right and down, [1 / image width], and its
-        curvatures.
+    light : ndarray of shape (8,)
+        Gain, offset [grey], slopes of the gain to the right and down, [1 / image width], its
+        curvatures, and defocus: what of the Laplacian of the keyframe is added.
     """
 
     displacement: Array

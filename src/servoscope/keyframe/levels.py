@@ -32,11 +32,12 @@ LEAST_SCALE = 0.5
 CUT = 3.0
 """Residuals of this many standard deviations say that something else is seen."""
 
-EVEN_LIGHT = np.array([1.0] + [0.0] * 6)
+EVEN_LIGHT = np.array([1.0] + [0.0] * 7)
 
-PRIOR = np.array([0.3] * 3 + [1.0] * 3 + [0.5, 40.0, 0.7, 0.7, 1.0, 1.0, 1.0])
+PRIOR = np.array([0.3] * 3 + [1.0] * 3 + [0.5, 40.0, 0.7, 0.7, 1.0, 1.0, 1.0, 1.0])
 """Standard deviations before the image is seen: of a displacement, [m] and [rad], of gain,
-offset [grey], slopes and curvatures of the gain."""
+offset [grey], slopes and curvatures of the gain, and
+defocus."""
 
 N_BLOCKS = 12
 """Blocks along each side of the view, inside which residuals are taken to be correlated."""
@@ -63,7 +64,7 @@ class Guess:
     ----------
     T : ndarray of shape (4, 4)
         Reference camera to the image's camera.
-    light : ndarray of shape (7,)
+    light : ndarray of shape (8,)
         As in `warping.LIGHT`.
     """
 
@@ -102,7 +103,7 @@ class Level:
         self.used = np.flatnonzero(trust.ravel() > 0)
         rays, by_camera = camera.rays(view.points[self.used])
         self._by_camera = by_camera.astype(np.float32)
-        self._slopes = view.gradient[self.used] if finest else np.empty((0, 2), np.float32)
+        self._texture, self._finest = view.texture[self.used], finest
         self._xy = view.points[self.used].astype(np.float32)
         self._rays = rays.astype(np.float32)
         self._depth = inverse_depth.ravel()[self.used].astype(np.float32)
@@ -122,14 +123,15 @@ class Level:
         )
 
     def linearise(self, image: Floats, guess: Guess) -> tuple[Floats, Floats, Floats, float]:
-        """Derivatives (n, 13), residuals, robust inverse variances, and the residuals' scale.
+        """Derivatives (n, 14), residuals, robust inverse variances, and the residuals' scale.
 
         The arrays are written over by the next call.
         """
         jacobian, residuals = self._jacobian, self._residuals
         linearise(
             image, guess.T, self._values, self.view.aspect, self._xy, self._rays, self._by_camera,
-            self._depth, self._grey, self._slopes, guess.light, jacobian, self._by_depth, residuals,
+            self._depth, self._grey, self._texture,
+            self._finest, guess.light, jacobian, self._by_depth, residuals,
         )  # fmt: skip
         seen = residuals > UNSEEN
         scale = robust_scale(residuals)

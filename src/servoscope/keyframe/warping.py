@@ -14,18 +14,18 @@ from servoscope.compiled import compiled
 MOTION = slice(0, 6)
 """Columns of the derivative by a twist before T, ``T <- exp(twist) T``."""
 
-LIGHT = slice(6, 13)
-"""Columns by gain, offset, slopes of the gain to the right and down, and its curvature xx, xy, yy.
-"""
+LIGHT = slice(6, 14)
+"""Columns by gain, offset, slopes of the gain to the right and down, its curvatures xx, xy, yy,
+and defocus."""
 
-CAMERA = slice(13, 18)
+CAMERA = slice(14, 19)
 """Columns by ln f, cx, cy, k1, k2."""
 
-RELIEF = slice(18, 21)
+RELIEF = slice(19, 22)
 """Columns by a factor, and slopes to the right and down, of all inverse depths."""
 
-N_COLUMNS = 21
-N_ALIGNED = 13
+N_COLUMNS = 22
+N_ALIGNED = 14
 """Columns that the alignment of one image needs: the first ones."""
 
 UNSEEN = np.float32(-1e6)
@@ -103,7 +103,8 @@ def linearise(
     by_camera,
     inverse_depth,
     reference,
-    slopes,
+    texture,
+    carries,
     light,
     jacobian,
     by_depth,
@@ -111,8 +112,8 @@ def linearise(
 ):
     """Residuals of one image at the points of the reference, and their derivatives.
 
-    The residual is ``I(u) - g(x, y) I_ref - o`` with a gain that is a polynomial of the second
-    degree. As many columns are written as
+    The residual is ``I(u) - g(x, y) I_ref - o - b laplacian(I_ref)`` with a gain that
+    is a polynomial of the second degree. As many columns are written as
     `jacobian` has; rows of points that are not seen, or saturated and expected to be, are zero.
 
     Parameters
@@ -128,12 +129,13 @@ def linearise(
         Where the points are in the reference image, and their rays.
     by_camera : array of shape (n, 2, 5), float32
     inverse_depth, reference : arrays of shape (n,), float32
-    slopes : array of shape (n, 2) or (0, 2), float32
-        Gradient of the reference image at the points, [grey / image width]. If given, derivatives
-        are taken of it instead of the image, whose noise would otherwise be in both derivatives
-        and residuals.
-    light : array of shape (7,)
-        Of the gain its constant; the offset; of the gain x, y, xx, xy and yy.
+    texture : array of shape (n, 3), float32
+        Gradient, [grey / image width], and Laplacian, [grey], of the reference image at the points.
+    carries : bool
+        Take derivatives of the reference image, carried to where its points are seen, instead of
+        the image, whose noise would otherwise be in both derivatives and residuals.
+    light : array of shape (8,)
+        Of the gain its constant; the offset; of the gain x, y, xx, xy and yy; defocus.
     jacobian : array of shape (n, columns), float32
         Written: derivatives by `MOTION`, `LIGHT`, and, if it is that wide, `CAMERA` and `RELIEF`.
     by_depth, residuals : arrays of shape (n,), float32
@@ -158,14 +160,14 @@ def linearise(
         xi, yi, expected = points[i, 0], points[i, 1], reference[i]
         gain = light[0] + xi * (light[2] + light[4] * xi + light[5] * yi)
         gain += yi * (light[3] + light[6] * yi)
-        residuals[i] = grey - gain * expected - light[1]
+        residuals[i] = grey - gain * expected - light[1] - light[7] * texture[i, 2]
         if grey > _SATURATED and residuals[i] < 0.0:
             jacobian[i] = 0.0
             by_depth[i] = residuals[i] = 0.0
             continue
         bent = 2.0 * (k1 + 2.0 * k2 * r2)
-        if slopes.shape[0] > 0:
-            gx, gy = _carried(slopes[i], T, by_camera[i], f, d, bent, px, py, iz)
+        if carries:
+            gx, gy = _carried(texture[i], T, by_camera[i], f, d, bent, px, py, iz)
             gx, gy = gain * gx, gain * gy
         along = gx * px + gy * py
         hx = f * (d * gx + bent * along * px) * iz
@@ -180,18 +182,19 @@ def linearise(
         jacobian[i, 10] = -expected * xi * xi
         jacobian[i, 11] = -expected * xi * yi
         jacobian[i, 12] = -expected * yi * yi
+        jacobian[i, 13] = -texture[i, 2]
         depth_slope = hx * T[0, 3] + hy * T[1, 3] + hz * T[2, 3]
         by_depth[i] = depth_slope
         if n_columns > N_ALIGNED:
             ax = T[0, 0] * hx + T[1, 0] * hy + T[2, 0] * hz
             ay = T[0, 1] * hx + T[1, 1] * hy + T[2, 1] * hz
             for j in range(5):
-                jacobian[i, 13 + j] = ax * by_camera[i, 0, j] + ay * by_camera[i, 1, j]
-            jacobian[i, 13] += f * d * along
-            jacobian[i, 14] += gx
-            jacobian[i, 15] += gy
-            jacobian[i, 16] += f * r2 * along
-            jacobian[i, 17] += f * r2 * r2 * along
-            jacobian[i, 18] = depth_slope * q
-            jacobian[i, 19], jacobian[i, 20] = depth_slope * xi, depth_slope * yi
+                jacobian[i, 14 + j] = ax * by_camera[i, 0, j] + ay * by_camera[i, 1, j]
+            jacobian[i, 14] += f * d * along
+            jacobian[i, 15] += gx
+            jacobian[i, 16] += gy
+            jacobian[i, 17] += f * r2 * along
+            jacobian[i, 18] += f * r2 * r2 * along
+            jacobian[i, 19] = depth_slope * q
+            jacobian[i, 20], jacobian[i, 21] = depth_slope * xi, depth_slope * yi
     return n_seen
