@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from servoscope.keyframe.adjustment import Adjustment, Priors, Solution, State
+from servoscope.keyframe.adjustment import Adjustment, Solution
 from servoscope.keyframe.camera import CameraModel
 from servoscope.keyframe.motion import conjugate
 from servoscope.keyframe.relief import semi_global_labels, sweep_costs
 from servoscope.keyframe.starts import correlation, spread_rotations
+from servoscope.keyframe.state import Priors, State
 from servoscope.keyframe.views import View
 from servoscope.poses import inverse_transform, rigid_transform
 
@@ -121,10 +122,11 @@ def find_mount(
                 )
             )
             starts.append((camera, mount))
-    best = np.argsort(scores, kind="stable")[::-1][:_N_STARTS]
-    solutions = [
-        adjustment.run(State.start(*starts[k], n, 1 / known.distance), 8, poses=False) for k in best
-    ]
+    solutions = []
+    for k in np.argsort(scores, kind="stable")[::-1][:_N_STARTS]:
+        camera, mount = starts[k]
+        state = State.start(camera, mount, n, 1 / known.distance)
+        solutions.append(adjustment.run(state, 8, poses=False))
     return min(solutions, key=lambda solution: solution.cost).state
 
 

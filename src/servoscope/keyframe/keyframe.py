@@ -12,32 +12,33 @@ from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import threadpool_limits
 
 from servoscope.errors import InvalidInputError
-from servoscope.keyframe.adjustment import LEAST_INVERSE_DEPTH, MOUNT, OPTICS, PLANE, Priors
+from servoscope.keyframe.adjustment import LEAST_INVERSE_DEPTH
 from servoscope.keyframe.alignment import Aligner, Alignment
 from servoscope.keyframe.camera import CameraModel
+from servoscope.keyframe.checks import (
+    check_arrays,
+    check_images,
+    check_like,
+    check_names,
+    check_numbers,
+    rigid,
+)
 from servoscope.keyframe.fitting import Known, chosen_images, fit_state
 from servoscope.keyframe.levels import EVEN_LIGHT, Guess, Level
 from servoscope.keyframe.limit import ViewLimit, cramer_rao, pixel_noise
 from servoscope.keyframe.motion import conjugate
-from servoscope.keyframe.rendering import draw, project
+from servoscope.keyframe.rendering import render_view
+from servoscope.keyframe.state import Priors, observable
 from servoscope.keyframe.views import View
 from servoscope.keyframe.warping import LIGHT, MOTION
-from servoscope.poses import displacements_from_poses, inverse_transform, is_rigid
+from servoscope.poses import displacements_from_poses, inverse_transform
 
 Array = NDArray[np.float64]
-
-LEAST_IMAGES = 6
-"""Fewest images that a keyframe is fitted to."""
-
-LEAST_SIDE = 32
-"""Fewest rows and columns of an image, [px]."""
 
 MOST_READ = 30
 """Most of the fitted images from which the keyframe's own errors are found."""
 
 _OPTIMISM = 1.25
-_SURE = 0.3
-_JUMP = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,11 +150,12 @@ class Keyframe:
             If shapes disagree, a pose is not rigid, a number is out of its range, or there are
             fewer than `LEAST_IMAGES` images.
         """
-        _check_numbers(pivot=pivot, distance=distance, pose_noise=pose_noise)
-        _check_images(images, reference_image)
-        T_world_cam, T_world_ref = _poses(T_world_cam, T_world_ref, len(images))
-        displacements = inverse_transform(T_world_ref) @ T_world_cam
-        known = Known(camera, _checked_mount(mount), distance)
+        check_numbers(pivot=pivot, distance=distance, pose_noise=pose_noise)
+        check_images(images, reference_image)
+        T_world_cam = rigid("T_world_cam", T_world_cam, (len(images), 4, 4))
+        displacements = inverse_transform(rigid("T_world_ref", T_world_ref)) @ T_world_cam
+        start = None if mount is None else rigid("mount", mount)
+        known = Known(camera, start, distance)
         priors = Priors(pose=pose_noise)
         if camera is not None:
             priors = replace(priors, camera=(0.0,) * 5)
@@ -196,18 +198,8 @@ class Keyframe:
 
     @property
     def observable(self) -> dict[str, bool]:
-        """Whether the images inform the depth, the mount's translation and turn, the focal length.
-
-        Something is observable if its standard deviation is below 0.3 of what was assumed before.
-        """
-        std, before = np.sqrt(np.diag(self.covariance)), Priors()
-        shares = {
-            "depth": std[PLANE][0],
-            "mount_translation": std[MOUNT][:3].max() / before.mount[0],
-            "mount_rotation": std[MOUNT][3:].max(),
-            "focal_length": std[OPTICS][0] / before.camera[0],
-        }
-        return {name: bool(share < _SURE) for name, share in shares.items()}
+        """Whether the images inform depth, mount_translation, mount_rotation and focal_length."""
+        return observable(self.covariance)
 
     @cached_property
     def _aligner(self) -> Aligner:
@@ -236,10 +228,8 @@ class Keyframe:
         InvalidInputError
             If the image is not as large as the reference image, or the start is not rigid.
         """
-        self._check_image(image)
-        if start is not None:
-            start = self._check_displacement(start)
-        return self._aligner.align(image, start)
+        check_like(image, self.reference_image)
+        return self._aligner.align(image, None if start is None else rigid("start", start))
 
     def render(
         self, displacement: ArrayLike, width: int | None = None
@@ -259,20 +249,10 @@ class Keyframe:
         known : ndarray of shape (height, width), bool
             False where the reference image does not show what would be seen; the image is 0 there.
         """
-        displacement = self._check_displacement(displacement)
         width = width or self.reference_image.shape[1]
         view = View.of(self.reference_image, width, 0.0)
-        depth = view.resize(self.inverse_depth).astype(float)
-        rays, _ = self.camera.rays(view.points)
-        seen = np.empty((len(rays), 3))
-        T = inverse_transform(conjugate(self.mount, displacement))
-        project(T, self.camera.values, view.aspect, rays, depth.ravel(), seen)
-        image, nearness = np.zeros(view.shape), np.zeros(view.shape)
-        draw(
-            view.grey.astype(float), seen.reshape(*view.shape, 3), depth, view.aspect,
-            _JUMP, image, nearness,
-        )  # fmt: skip
-        return np.rint(image.clip(0, 255)).astype(np.uint8), nearness > 0
+        T = inverse_transform(conjugate(self.mount, rigid("displacement", displacement)))
+        return render_view(view, self.camera, self.inverse_depth, T)
 
     def limit(self, noise: float | None = None) -> ViewLimit:
         """What one look at the reference can tell at best, from its interaction matrix.
@@ -312,108 +292,9 @@ class Keyframe:
             If they are not arrays of a keyframe.
         """
         names = [f.name for f in fields(cls)]
-        if missing := sorted(set(names) - set(arrays)):
-            raise InvalidInputError(
-                f"A keyframe consists of {', '.join(names)}; {', '.join(missing)} is missing."
-            )
+        check_names(names, arrays)
         values: dict[str, Any] = {name: np.asarray(arrays[name]) for name in names}
-        _check_arrays(values)
-        for name in ("pivot", "residual", "noise"):
-            values[name] = float(values[name])
-        return cls(**values | {"camera": CameraModel(*map(float, values["camera"]))})
-
-    def _check_image(self, image: NDArray[np.uint8]) -> None:
-        if getattr(image, "shape", None) != self.reference_image.shape or image.dtype != np.uint8:
-            raise InvalidInputError(
-                f"The image must be uint8 of shape {self.reference_image.shape}, like the "
-                f"reference image, got {_describe(image)}."
-            )
-
-    @staticmethod
-    def _check_displacement(displacement: ArrayLike) -> Array:
-        D = np.asarray(displacement, dtype=float)
-        if D.shape != (4, 4) or not np.isfinite(D).all() or not is_rigid(D):
-            raise InvalidInputError(
-                "A displacement must be a rigid transform of shape (4, 4), in metres, got "
-                f"{_describe(D)}."
-            )
-        return D
-
-
-def _describe(array: Any) -> str:
-    return f"{getattr(array, 'dtype', type(array).__name__)} of shape {np.shape(array)}"
-
-
-def _check_images(images: NDArray[np.uint8], reference_image: NDArray[np.uint8]) -> None:
-    for name, array, n_axes in (("images", images, 3), ("reference_image", reference_image, 2)):
-        if getattr(array, "ndim", 0) != n_axes or array.dtype != np.uint8:
-            raise InvalidInputError(
-                f"{name} must be a uint8 array with {n_axes} axes, got {_describe(array)}."
-            )
-    if images.shape[1:] != reference_image.shape or min(reference_image.shape) < LEAST_SIDE:
-        raise InvalidInputError(
-            f"Images must be as large as the reference image and at least {LEAST_SIDE} px a side, "
-            f"got {images.shape[1:]} and {reference_image.shape}."
-        )
-    if len(images) < LEAST_IMAGES:
-        raise InvalidInputError(
-            f"A keyframe needs at least {LEAST_IMAGES} images, got {len(images)}; take some more."
-        )
-
-
-def _poses(T_world_cam: ArrayLike, T_world_ref: ArrayLike, n: int) -> tuple[Array, Array]:
-    poses = np.asarray(T_world_cam, dtype=float), np.asarray(T_world_ref, dtype=float)
-    names = ("T_world_cam", "T_world_ref")
-    for name, T, shape in zip(names, poses, ((n, 4, 4), (4, 4)), strict=True):
-        if T.shape != shape or not np.isfinite(T).all() or not is_rigid(T):
-            raise InvalidInputError(
-                f"{name} must hold rigid transforms of shape {shape}, in metres, got "
-                f"{_describe(T)}."
-            )
-    return poses
-
-
-def _checked_mount(mount: ArrayLike | None) -> Array | None:
-    if mount is None:
-        return None
-    T = np.asarray(mount, dtype=float)
-    if T.shape != (4, 4) or not np.isfinite(T).all() or not is_rigid(T):
-        raise InvalidInputError(
-            f"mount must be a rigid transform of shape (4, 4), in metres, got {_describe(T)}."
-        )
-    return T
-
-
-def _check_numbers(pivot: float, distance: float, pose_noise: tuple[float, float]) -> None:
-    if not np.isfinite(pivot):
-        raise InvalidInputError(f"pivot must be a finite distance in metres, got {pivot}.")
-    if not 0 < distance < np.inf:
-        raise InvalidInputError(f"distance must be positive, in metres, got {distance}.")
-    if len(pose_noise) != 2 or not all(0 < s < np.inf for s in pose_noise):
-        raise InvalidInputError(
-            f"pose_noise must be two positive deviations, in metres and radians, got {pose_noise}."
-        )
-
-
-def _check_arrays(values: dict[str, Any]) -> None:
-    """Raise InvalidInputError unless the arrays fit together as those of a keyframe."""
-    image, depth = values["reference_image"], values["inverse_depth"]
-    n_fitted = len(values["displacements"]) if values["displacements"].ndim else 0
-    shapes = {
-        "camera": (5,), "mount": (4, 4), "trust": depth.shape, "covariance": (20, 20),
-        "model_error": (6,),
-        "displacements": (n_fitted, 4, 4), "pivot": (), "residual": (), "noise": (),
-    }  # fmt: skip
-    wrong = [name for name, shape in shapes.items() if values[name].shape != shape]
-    wrong += [name for name in shapes if values[name].dtype.kind != "f"]
-    wrong += [name for name in shapes if name not in wrong and not np.isfinite(values[name]).all()]
-    if image.dtype != np.uint8 or image.ndim != 2 or min(image.shape) < LEAST_SIDE:
-        wrong.append("reference_image")
-    if depth.ndim != 2 or depth.dtype.kind != "f" or not (depth > 0).all():
-        wrong.append("inverse_depth")
-    wrong += [n for n in ("mount", "displacements") if n not in wrong and not is_rigid(values[n])]
-    if wrong:
-        raise InvalidInputError(
-            f"These are not the arrays of a keyframe: {', '.join(dict.fromkeys(wrong))} "
-            "has another type, shape or range; fit it again."
-        )
+        check_arrays(values)
+        scalars = {name: float(values[name]) for name in ("pivot", "residual", "noise")}
+        camera = CameraModel(*map(float, values["camera"]))
+        return cls(**values | scalars | {"camera": camera})

@@ -138,7 +138,9 @@ class Level:
         ratio = residuals * np.float32(1 / (BEND * scale))
         ratio *= ratio
         ratio += 1
-        weights = self._trust / (ratio * ratio * np.float32(scale**2))
+        ratio *= ratio
+        ratio *= np.float32(scale**2)
+        weights = self._trust / ratio
         weights[~seen] = 0
         return jacobian, residuals, weights, scale
 

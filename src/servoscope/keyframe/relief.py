@@ -2,11 +2,12 @@
 
 A plane sweep (Collins, CVPR 1996) tries inverse depths at every pixel; semi-global matching
 (Hirschmueller, PAMI 30(2), 2008) picks those that agree with the images and with their neighbours,
-with jumps where the image has edges; a weighted least-squares filter smooths between the pixels
-that are sure.
+with jumps where the image has edges.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,18 @@ CAP = 3.0
 
 
 @compiled(fastmath=True, error_model="numpy")
-def sweep_costs(images, transforms, camera, aspect, points, rays, labels, reference, light, scale):
+def sweep_costs(
+    images: NDArray[Any],
+    transforms: NDArray[Any],
+    camera: NDArray[Any],
+    aspect: float,
+    points: NDArray[Any],
+    rays: NDArray[Any],
+    labels: NDArray[Any],
+    reference: NDArray[Any],
+    light: NDArray[Any],
+    scale: NDArray[Any],
+) -> NDArray[Any]:
     """Mean cost of every inverse depth at every point, shape (n, n_labels), float32.
 
     The cost of an image is its residual in standard deviations, `CAP` at most; a point that no
@@ -67,7 +79,15 @@ def sweep_costs(images, transforms, camera, aspect, points, rays, labels, refere
 
 
 @compiled(fastmath=True, error_model="numpy")
-def _pass(costs, guide, backwards, step_penalty, jump_penalty, edge, out):
+def _pass(
+    costs: NDArray[Any],
+    guide: NDArray[Any],
+    backwards: bool,
+    step_penalty: float,
+    jump_penalty: float,
+    edge: float,
+    out: NDArray[Any],
+) -> None:
     """Add the costs of the cheapest paths along the second axis of (rows, columns, labels)."""
     rows, columns, n_labels = costs.shape
     before, now = np.empty(n_labels, np.float32), np.empty(n_labels, np.float32)
@@ -120,48 +140,3 @@ def semi_global_labels(costs: Floats, guide: Floats, edge: float) -> Floats:
     bend = np.maximum(a + c - 2 * b, 1e-6)
     shift = np.where(best == inner[..., 0], np.clip(0.5 * (a - c) / bend, -0.5, 0.5), 0)
     return (best + shift).astype(np.float32)
-
-
-@compiled(fastmath=True, error_model="numpy")
-def _relax(relief, target, precision, guide, stiffness, edge, jump, n_sweeps):
-    height, width = relief.shape
-    for _ in range(n_sweeps):
-        for row in range(height):
-            for column in range(width):
-                total = precision[row, column]
-                value = total * target[row, column]
-                here, grey = relief[row, column], guide[row, column]
-                for side in range(4):
-                    r = row + (side == 0) - (side == 1)
-                    c = column + (side == 2) - (side == 3)
-                    if 0 <= r < height and 0 <= c < width:
-                        step = (relief[r, c] - here) / jump
-                        bond = stiffness / (1.0 + abs(guide[r, c] - grey) / edge)
-                        bond /= 1.0 + step * step
-                        total += bond
-                        value += bond * relief[r, c]
-                if total > 0.0:
-                    relief[row, column] = value / total
-
-
-def smooth(
-    target: Floats, precision: Floats, guide: Floats, stiffness: float, edge: float, jump: float
-) -> Floats:
-    """A relief near the target where that is precise, and near its neighbours elsewhere.
-
-    Minimises ``sum p (z - target)^2 + sum b (z - z_next)^2`` by Gauss-Seidel; the bonds b weaken
-    across edges of the guide and across jumps of the relief.
-
-    Parameters
-    ----------
-    target, precision, guide : ndarrays of shape (height, width), float32
-    stiffness : float
-        Of the bonds, in units of the precision.
-    edge : float
-        Step of grey levels that halves a bond.
-    jump : float
-        Step of inverse depth that halves a bond.
-    """
-    relief = np.array(target, dtype=np.float32)
-    _relax(relief, target, precision, guide, stiffness, edge, jump, 20)
-    return relief

@@ -2,13 +2,54 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from servoscope.compiled import compiled
+from servoscope.keyframe.camera import CameraModel
+from servoscope.keyframe.views import View
+
+JUMP = 0.03
+"""Neighbours whose inverse depths differ by a larger share belong to different surfaces."""
+
+
+def render_view(
+    view: View, camera: CameraModel, inverse_depth: NDArray[np.float32], T: NDArray[np.float64]
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """What is seen after a motion of the camera, and where that is known.
+
+    Parameters
+    ----------
+    view : View
+        The reference image at the width that is wanted.
+    camera : CameraModel
+    inverse_depth : ndarray, float32
+        Over the reference image, of any resolution. Single pixels that stand out are left out.
+    T : ndarray of shape (4, 4)
+        Reference camera to this camera.
+    """
+    depth = view.resize(cv2.medianBlur(inverse_depth, 5)).astype(float)
+    rays, _ = camera.rays(view.points)
+    seen = np.empty((len(rays), 3))
+    project(T, camera.values, view.aspect, rays, depth.ravel(), seen)
+    image, nearness = np.zeros(view.shape), np.zeros(view.shape)
+    mesh = seen.reshape(*view.shape, 3)
+    draw(view.grey.astype(float), mesh, depth, view.aspect, JUMP, image, nearness)
+    return np.rint(image.clip(0, 255)).astype(np.uint8), nearness > 0
 
 
 @compiled(error_model="numpy")
-def project(T, camera, aspect, rays, inverse_depth, seen):
+def project(
+    T: NDArray[Any],
+    camera: NDArray[Any],
+    aspect: float,
+    rays: NDArray[Any],
+    inverse_depth: NDArray[Any],
+    seen: NDArray[Any],
+) -> None:
     """Write where points are seen, [image widths] from the middle, and how near, to `seen`.
 
     Parameters
@@ -40,7 +81,16 @@ def project(T, camera, aspect, rays, inverse_depth, seen):
 
 
 @compiled(error_model="numpy")
-def _fill(a, b, c, grey_a, grey_b, grey_c, image, nearness):
+def _fill(
+    a: NDArray[Any],
+    b: NDArray[Any],
+    c: NDArray[Any],
+    grey_a: float,
+    grey_b: float,
+    grey_c: float,
+    image: NDArray[Any],
+    nearness: NDArray[Any],
+) -> None:
     """Draw a triangle of corners (column, row, inverse depth) where it is the nearest."""
     area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     if area <= 0.0:  # seen from behind
@@ -63,7 +113,15 @@ def _fill(a, b, c, grey_a, grey_b, grey_c, image, nearness):
 
 
 @compiled(error_model="numpy")
-def draw(grey, seen, depth, aspect, jump, image, nearness):
+def draw(
+    grey: NDArray[Any],
+    seen: NDArray[Any],
+    depth: NDArray[Any],
+    aspect: float,
+    jump: float,
+    image: NDArray[Any],
+    nearness: NDArray[Any],
+) -> None:
     """Draw the reference image as a mesh of triangles between its pixels.
 
     Parameters

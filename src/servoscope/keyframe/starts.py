@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -28,7 +30,15 @@ def spread_rotations(n: int) -> Array:
 
 
 @compiled(fastmath=True, error_model="numpy")
-def correlation(image, T, camera, aspect, rays, inverse_depth, reference):
+def correlation(
+    image: NDArray[Any],
+    T: NDArray[Any],
+    camera: NDArray[Any],
+    aspect: float,
+    rays: NDArray[Any],
+    inverse_depth: NDArray[Any],
+    reference: NDArray[Any],
+) -> float:
     """Correlation of an image with the reference, over the points that it sees.
 
     Zero if it sees less than a quarter of them.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,7 +16,7 @@ Floats = NDArray[np.float32]
 def prepare(image: NDArray[np.generic], width: int, sigma: float) -> Floats:
     """The image at a width, its height in proportion, blurred by `sigma` of the new pixels."""
     height = level_height(image.shape, width)
-    grey = np.asarray(image, dtype=np.float32)
+    grey: NDArray[Any] = np.asarray(image, dtype=np.float32)
     if image.shape[1] != width:
         grey = cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA)
     if sigma > 0:
@@ -26,7 +27,8 @@ def prepare(image: NDArray[np.generic], width: int, sigma: float) -> Floats:
 def high_pass(grey: Floats, share: float = 0.15) -> Floats:
     """What is finer than a share of the width: free of light that varies slowly."""
     sigma = share * grey.shape[1]
-    return grey - cv2.GaussianBlur(grey, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+    coarse = cv2.GaussianBlur(grey, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(grey - coarse, dtype=np.float32)
 
 
 def level_height(shape: tuple[int, ...], width: int) -> int:
@@ -86,10 +88,11 @@ class View:
         """Another image at this resolution."""
         return prepare(image, self.width, self.sigma)
 
-    def resize(self, field: NDArray[np.generic]) -> Floats:
+    def resize(self, field: NDArray[Any]) -> Floats:
         """A field over the reference image, brought to this resolution, shape (height, width)."""
         field = np.asarray(field, dtype=np.float32)
         if field.shape == self.shape:
             return field
         how = cv2.INTER_AREA if field.shape[1] > self.width else cv2.INTER_LINEAR
-        return cv2.resize(field, self.shape[::-1], interpolation=how)
+        resized = cv2.resize(field, self.shape[::-1], interpolation=how)
+        return np.asarray(resized, dtype=np.float32)

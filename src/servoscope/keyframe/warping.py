@@ -7,7 +7,10 @@ camera that ``T = inv(D)`` maps the reference camera's coordinates to, the point
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from servoscope.compiled import compiled
 
@@ -36,7 +39,15 @@ _SATURATED = 250.0
 
 
 @compiled(fastmath=True, error_model="numpy", inline="always")
-def _look(image, T, camera, aspect, x, y, q):
+def _look(
+    image: NDArray[Any],
+    T: NDArray[Any],
+    camera: NDArray[Any],
+    aspect: float,
+    x: float,
+    y: float,
+    q: float,
+) -> tuple[Any, ...]:
     """Where Q is seen: whether within the image, grey, its slopes, Q, and what leads there."""
     f, cx, cy, k1, k2 = camera[0], camera[1], camera[2], camera[3], camera[4]
     height, width = image.shape
@@ -66,7 +77,15 @@ def _look(image, T, camera, aspect, x, y, q):
 
 
 @compiled(fastmath=True, error_model="numpy")
-def sample(image, T, camera, aspect, rays, inverse_depth, grey):
+def sample(
+    image: NDArray[Any],
+    T: NDArray[Any],
+    camera: NDArray[Any],
+    aspect: float,
+    rays: NDArray[Any],
+    inverse_depth: NDArray[Any],
+    grey: NDArray[Any],
+) -> None:
     """Write the grey level that each point of the reference is seen with, or `UNSEEN`."""
     for i in range(rays.shape[0]):
         seen = _look(image, T, camera, aspect, rays[i, 0], rays[i, 1], inverse_depth[i])
@@ -74,7 +93,17 @@ def sample(image, T, camera, aspect, rays, inverse_depth, grey):
 
 
 @compiled(fastmath=True, error_model="numpy", inline="always")
-def _carried(slope, T, by_camera, f, d, bent, px, py, iz):
+def _carried(
+    slope: NDArray[Any],
+    T: NDArray[Any],
+    by_camera: NDArray[Any],
+    f: float,
+    d: float,
+    bent: float,
+    px: float,
+    py: float,
+    iz: float,
+) -> tuple[float, float]:
     """A gradient of the reference image, carried to where it is seen, for a point at rest."""
     x0, y0 = (T[0, 0] - px * T[2, 0]) * iz, (T[1, 0] - py * T[2, 0]) * iz
     x1, y1 = (T[0, 1] - px * T[2, 1]) * iz, (T[1, 1] - py * T[2, 1]) * iz
@@ -94,22 +123,22 @@ def _carried(slope, T, by_camera, f, d, bent, px, py, iz):
 
 @compiled(fastmath=True, error_model="numpy")
 def linearise(
-    image,
-    T,
-    camera,
-    aspect,
-    points,
-    rays,
-    by_camera,
-    inverse_depth,
-    reference,
-    texture,
-    carries,
-    light,
-    jacobian,
-    by_depth,
-    residuals,
-):
+    image: NDArray[Any],
+    T: NDArray[Any],
+    camera: NDArray[Any],
+    aspect: float,
+    points: NDArray[Any],
+    rays: NDArray[Any],
+    by_camera: NDArray[Any],
+    inverse_depth: NDArray[Any],
+    reference: NDArray[Any],
+    texture: NDArray[Any],
+    carries: bool,
+    light: NDArray[Any],
+    jacobian: NDArray[Any],
+    by_depth: NDArray[Any],
+    residuals: NDArray[Any],
+) -> int:
     """Residuals of one image at the points of the reference, and their derivatives.
 
     The residual is ``I(u) - g(x, y) I_ref - o - b laplacian(I_ref)`` with a gain that
