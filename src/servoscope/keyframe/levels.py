@@ -83,8 +83,8 @@ class Level:
     trust : ndarray of shape (height, width), float32
         Weight of each pixel; those of zero are left out.
     finest : bool
-        Take derivatives of the keyframe instead of the image: they are free of the image's noise,
-        but good only near the truth.
+        Take every other pixel, and derivatives of the keyframe instead of the image: they are free
+        of the image's noise, but good only near the truth.
     stiffness : float
         How much of a residual of one standard deviation everywhere a light that is off by one
         standard deviation counts. Far from the truth, a gain near zero would explain much.
@@ -100,7 +100,11 @@ class Level:
         finest: bool = False,
     ) -> None:
         self.view, self.camera, self.stiffness = view, camera, stiffness
-        self.used = np.flatnonzero(trust.ravel() > 0)
+        rows, columns = np.indices(view.shape)
+        taken = trust > 0
+        if finest:  # neighbours are alike: every other pixel tells nearly as much
+            taken &= (rows + columns) % 2 == 0
+        self.used = np.flatnonzero(taken)
         rays, by_camera = camera.rays(view.points[self.used])
         self._by_camera = by_camera.astype(np.float32)
         self._texture, self._finest = view.texture[self.used], finest
@@ -113,8 +117,8 @@ class Level:
         self._by_depth, self._residuals = np.empty_like(self._grey), np.empty_like(self._grey)
         self._jacobian = np.empty((len(self.used), N_ALIGNED), np.float32)
         height, width = view.shape
-        rows, columns = np.divmod(self.used, width)
-        self.blocks = rows * N_BLOCKS // height * N_BLOCKS + columns * N_BLOCKS // width
+        blocks = rows * N_BLOCKS // height * N_BLOCKS + columns * N_BLOCKS // width
+        self.blocks = blocks.ravel()[self.used]
 
     def correlation(self, image: Floats, T: Array) -> float:
         """Correlation of an image with the keyframe as it would be seen."""
