@@ -1,7 +1,8 @@
 """Keyframes of few images: one look at images that were kept out, simulated and real.
 
 ``python -m benchmarks keyframe``. Real data are read where they lie beside the project (see
-`SHARED`); their tables are left out otherwise. Times are CPU times of one process on one thread.
+`real_images`); their tables are left out otherwise. Times are those of the processor, on one
+thread.
 """
 
 from __future__ import annotations
@@ -12,25 +13,29 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
+from benchmarks import real_images
+from benchmarks.real_images import (
+    TUM_DELAY,
+    evenly,
+    read_kitchen,
+    read_kuka,
+    read_tum_sequence,
+    split_by_blocks,
+)
 from benchmarks.tables import Findings
 from servoscope import (
     AcquisitionConfig,
     CameraModel,
     Keyframe,
-    TumOptions,
     acquire,
-    read_tum,
 )
 from servoscope.poses import (
     DISPLAY_FACTORS,
     displacements_from_poses,
     inverse_transform,
-    is_rigid,
     poses_from_displacements,
 )
 from servoscope.robots.arm import MOUNT
@@ -40,15 +45,11 @@ from servoscope.scene.scene import T_WORLD_REF, Scene
 from servoscope.scene.textured_plane import TexturedPlane
 from servoscope.scoreboard.conditions import CONDITIONS
 
-SHARED = Path(__file__).parents[2] / "shared" / "data"
 PIVOT = 0.55
 RANGES = np.array([0.025] * 3 + [np.radians(15)] * 3)
 DOFS = ("tx mm", "ty mm", "tz mm", "rx deg", "ry deg", "rz deg")
 HEADER = ("what", "arrive", *DOFS, "within 2 sd")
 NEAR_MM, NEAR_DEG = 5.0, 2.0
-TUM_DELAY = 0.018
-"""By how much the images of the sequence lag behind its poses, [s]: what is read of rotations is
-off in proportion to the speed of turning."""
 GUESS = 0.2
 """Largest error of a first guess in each dof, in shares of the range."""
 
@@ -72,14 +73,18 @@ def tables(quick: bool) -> Iterator[Findings]:
     """Tables of the simulated cell and of the real data at hand."""
     with threadpool_limits(1):
         yield from _simulated(quick)
-        if (SHARED / "kuka_board").exists():
-            yield _kuka(quick)
-        if (SHARED / "tum_fr1_rpy").exists():
-            for delay in (0.0, TUM_DELAY):
-                title = f"TUM fr1/rpy, hand-held, poses {1e3 * delay:g} ms earlier"
-                yield _sequence(title, *_tum(delay), gap=0.3, quick=quick)
-        if (SHARED / "seven_scenes_kitchen").exists():
-            yield _sequence("7-Scenes red kitchen, hand-held", *_kitchen(), gap=10, quick=quick)
+        yield from _real(quick)
+
+
+def _real(quick: bool) -> Iterator[Findings]:
+    if (real_images.SHARED / "kuka_board").exists():
+        yield _kuka(quick)
+    if (real_images.SHARED / "tum_fr1_rpy").exists():
+        for delay in (0.0, TUM_DELAY):
+            title = f"TUM fr1/rpy, hand-held, poses {1e3 * delay:g} ms earlier"
+            yield _sequence(title, *read_tum_sequence(delay), gap=0.3, quick=quick)
+    if (real_images.SHARED / "seven_scenes_kitchen").exists():
+        yield _sequence("7-Scenes red kitchen, hand-held", *read_kitchen(), gap=10, quick=quick)
 
 
 def _simulated(quick: bool) -> Iterator[Findings]:
@@ -208,9 +213,7 @@ def _look_seconds(keyframe: Keyframe, held_out: Images, guesses: np.ndarray | No
 
 
 def _kuka(quick: bool) -> Findings:
-    poses = np.loadtxt(SHARED / "kuka_board" / "RobotPosesVec.txt").reshape(-1, 4, 4)
-    images = np.stack([_grey(SHARED / "kuka_board" / f"im_{k:02d}.jpg") for k in range(1, 29)])
-    images = np.stack([cv2.resize(i, (256, 160), interpolation=cv2.INTER_AREA) for i in images])
+    images, poses = read_kuka()
     reference, others = 13, [k for k in range(28) if k != 13]
     lens = CameraModel(0.550, -0.001, -0.007, -0.13, 0.10)
     rows = []
@@ -249,9 +252,9 @@ def _sequence(
     images, poses, times = held
     rows = []
     for given in (camera, None) if camera else (None,):
-        for draw in range(1 if quick else 4):
-            train, test = _blocks(times, gap, draw)
-            train, test = _evenly(train, 80), _evenly(test, 40)
+        for draw in range(1 if quick else 3):
+            train, test = split_by_blocks(times, gap, draw)
+            train, test = evenly(train, 80), evenly(test, 40)
             start = time.process_time()
             keyframe = Keyframe.fit(
                 images[train], poses[train], *reference,
@@ -271,63 +274,3 @@ def _sequence(
         HEADER,
         rows,
     )
-
-
-def _blocks(times: np.ndarray, gap: float, draw: int) -> tuple[np.ndarray, np.ndarray]:
-    """Frames to learn from, and those of 3 of 12 blocks that are kept out."""
-    blocks = np.array_split(np.argsort(times), 12)
-    kept_out = np.random.default_rng(draw).permutation(12)[:3]
-    test = np.concatenate([blocks[k] for k in kept_out])
-    train = np.setdiff1d(np.arange(len(times)), test)
-    nearest = np.abs(times[train][:, None] - times[test]).min(axis=1)
-    return train[nearest > gap], test
-
-
-def _evenly(indices: np.ndarray, n: int) -> np.ndarray:
-    return indices[np.linspace(0, len(indices) - 1, min(n, len(indices))).round().astype(int)]
-
-
-def _tum(
-    delay: float,
-) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray], CameraModel]:
-    """The sequence, each image with the pose that was reported `delay` seconds before it."""
-    options = TumOptions(reference_index=144, max_mm=150, max_deg=20, pivot_mm=0)
-    source = SHARED / "tum_fr1_rpy"
-    with tempfile.TemporaryDirectory() as folder:
-        for name in ("rgb", "rgb.txt"):
-            (Path(folder) / name).symlink_to(source / name)
-        lines = (source / "groundtruth.txt").read_text().splitlines()
-        rows = [line.split() for line in lines if not line.startswith("#")]
-        text = "".join(f"{float(t) + delay:.6f} {' '.join(pose)}\n" for t, *pose in rows)
-        (Path(folder) / "groundtruth.txt").write_text(text)
-        data = read_tum(folder, options)
-    camera = CameraModel.from_pixels(258.5, (159.1, 127.4), width=320, height=240)
-    held = data.images, data.T_world_cam, data.times
-    return held, (data.reference_image, data.T_world_ref), camera
-
-
-def _kitchen() -> tuple[
-    tuple[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray], None
-]:
-    folder, reference = SHARED / "seven_scenes_kitchen", 251
-    poses = np.stack([np.loadtxt(folder / f"frame-{k:06d}.pose.txt") for k in range(1000)])
-    U, _, Vt = np.linalg.svd(poses[:, :3, :3])
-    poses[:, :3, :3] = U @ Vt
-    assert is_rigid(poses)
-    D = inverse_transform(poses[reference]) @ poses
-    angle = Rotation.from_matrix(D[:, :3, :3]).magnitude()
-    near = (np.linalg.norm(D[:, :3, 3], axis=1) < 0.35) & (angle < np.radians(25))
-    near[reference] = False
-    chosen, before = [], None
-    for k in np.flatnonzero(near):
-        image = _grey(folder / f"frame-{k:06d}.jpg")
-        if before is None or not np.array_equal(image, before):
-            chosen.append((k, image))
-        before = image
-    numbers = np.array([k for k, _ in chosen])
-    held = np.stack([image for _, image in chosen]), poses[numbers], numbers.astype(float)
-    return held, (_grey(folder / f"frame-{reference:06d}.jpg"), poses[reference]), None
-
-
-def _grey(path: Path) -> np.ndarray:
-    return cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
