@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from servoscope.keyframe.fitting import MOST_IMAGES, chosen_images
 from servoscope.keyframe.limit import cramer_rao, pixel_noise
+from servoscope.keyframe.motion import exponential
 from servoscope.keyframe.relief import semi_global_labels
 from servoscope.keyframe.starts import correlation, spread_rotations
 
@@ -74,3 +76,16 @@ def test_bound_is_the_covariance_of_least_squares():
     np.testing.assert_allclose(limit.std, estimates.std(axis=1), rtol=0.06)
     np.testing.assert_allclose(limit.shares.sum(axis=(1, 2)), 1, rtol=1e-4)
     assert "tx" in str(limit)
+
+
+def test_of_many_images_far_ones_are_taken_though_most_are_near():
+    rng = np.random.default_rng(3)
+    radius = np.concatenate([np.full(900, 0.01), np.full(60, 0.2), np.full(40, 0.4)])
+    twists = np.zeros((1000, 6))
+    twists[:, 3:] = radius[:, None] * rng.dirichlet(np.ones(3), 1000) ** 0.5  # of length radius
+    chosen = chosen_images(exponential(twists), 0.5)
+    assert len(chosen) == len(set(chosen)) == MOST_IMAGES
+    assert np.count_nonzero(radius[chosen] > 0.1) > 0.6 * MOST_IMAGES
+    assert (np.diff(radius[chosen]) > -0.01).all()
+    few = chosen_images(exponential(twists[::50]), 0.5)
+    assert sorted(few) == list(range(20))

@@ -24,7 +24,7 @@ FINEST = 128
 """Width at which the relief is fitted, [px]."""
 
 MOST_IMAGES = 60
-"""Most images that are adjusted together; of more, as many are taken evenly by their distance."""
+"""Most images that are adjusted together."""
 
 FOCAL_LENGTHS = (0.5, 0.8, 1.3, 2.1)
 """Focal lengths that are tried where none is given, [image widths]."""
@@ -32,6 +32,7 @@ FOCAL_LENGTHS = (0.5, 0.8, 1.3, 2.1)
 _N_ROTATIONS = 500
 _N_NEAREST = 10
 _N_STARTS = 12
+_LEAST_SHIFT = 0.2
 _RELIEF_LEVELS = ((64, 1.0, 48), (96, 1.0, 32), (FINEST, 1.0, 24))
 _WIDE, _NARROW = (0.5, 1.8), (0.85, 1.15)
 _EDGE = 10.0
@@ -56,27 +57,37 @@ class Known:
     distance: float = 0.55
 
 
-def nearest_first(displacements: Array, distance: float) -> NDArray[np.intp]:
-    """Indices of displacements by how far they move the view, the least first."""
+def view_shifts(displacements: Array, distance: float) -> Array:
+    """By how much displacements move what is seen, roughly, [rad]."""
     shift = np.linalg.norm(displacements[:, :3, 3], axis=1) / distance
-    turn = Rotation.from_matrix(displacements[:, :3, :3]).magnitude()
-    return np.argsort(shift + turn, kind="stable")
+    return shift + Rotation.from_matrix(displacements[:, :3, :3]).magnitude()
 
 
 def chosen_images(displacements: Array, distance: float) -> NDArray[np.intp]:
-    """The images that are adjusted, nearest first."""
-    order = nearest_first(displacements, distance)
-    n = min(len(order), MOST_IMAGES)
-    return order[np.linspace(0, len(order) - 1, n).round().astype(int)]
+    """The images that are adjusted, nearest first: all, or `MOST_IMAGES`, most of them far."""
+    shifts = view_shifts(displacements, distance)
+    order = np.argsort(shifts, kind="stable")
+    if len(order) <= MOST_IMAGES:
+        return order
+    is_far = shifts[order] > 0.5 * shifts.max()
+    far = evenly_spread(order[is_far], MOST_IMAGES * 3 // 4)
+    near = evenly_spread(order[~is_far], MOST_IMAGES - len(far))
+    return np.concatenate([near, far])
+
+
+def evenly_spread(indices: NDArray[np.intp], n: int) -> NDArray[np.intp]:
+    """At most n of the indices, evenly spread."""
+    return indices[np.linspace(0, len(indices) - 1, min(n, len(indices))).round().astype(int)]
 
 
 def fit_state(
     images: Images, displacements: Array, reference_image: Images, known: Known, priors: Priors
 ) -> Solution:
     """The state that explains the images, which are sorted nearest first."""
-    state = find_mount(
-        images[:_N_NEAREST], displacements[:_N_NEAREST], reference_image, known, priors
-    )
+    shifts = view_shifts(displacements, known.distance)
+    first = min(np.count_nonzero(shifts < _LEAST_SHIFT * shifts.max()), len(images) // 2)
+    few = slice(first, first + _N_NEAREST)
+    state = find_mount(images[few], displacements[few], reference_image, known, priors)
     state = replace(
         state,
         corrections=np.tile(np.eye(4), (len(images), 1, 1)),

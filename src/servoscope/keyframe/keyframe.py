@@ -23,7 +23,7 @@ from servoscope.keyframe.checks import (
     check_numbers,
     rigid,
 )
-from servoscope.keyframe.fitting import Known, chosen_images, fit_state
+from servoscope.keyframe.fitting import Known, chosen_images, evenly_spread, fit_state
 from servoscope.keyframe.levels import EVEN_LIGHT, Guess, Level
 from servoscope.keyframe.limit import ViewLimit, cramer_rao, pixel_noise
 from servoscope.keyframe.motion import conjugate
@@ -185,9 +185,9 @@ class Keyframe:
 
     def _find_model_error(self, images: NDArray[np.uint8]) -> Array:
         """Robust deviation of what is read of the fitted images, beyond what each explains."""
-        some = np.linspace(0, len(images) - 1, min(len(images), MOST_READ)).round().astype(int)
+        outer = np.arange(len(images) // 2, len(images))  # near ones show the noise of the poses
         squares = []
-        for k in some:
+        for k in evenly_spread(outer, MOST_READ):
             D = self.displacements[k]
             found = self._aligner.align(images[k], D)
             (reported,) = displacements_from_poses(np.eye(4), D[None], self.pivot)
