@@ -26,6 +26,8 @@ Floats = NDArray[np.float32]
 
 _LEVELS = ((32, 1.0, 10), (64, 0.7, 8), (128, 0.7, 5))
 _STIFFNESS = (1.0, 0.1, 0.0)
+_FULL, _N_FULL, _MOST_PIXELS = 256, 3, 16384
+_NEAR = 0.05
 _N_STARTS = 5
 _N_COMPARED = 5
 _N_SPREAD = 200
@@ -107,6 +109,11 @@ class Aligner:
             self.levels.append(
                 Level(view, camera, depth, weight, stiffness, width == _LEVELS[-1][0])
             )
+        self._full = None
+        if reference_image.shape[1] > _LEVELS[-1][0]:
+            view = View.of(reference_image, min(_FULL, reference_image.shape[1]), 0.5)
+            depth, weight = view.resize(inverse_depth), view.resize(trust)
+            self._full = Level(view, camera, depth, weight, finest=True, most=_MOST_PIXELS)
         first = self.levels[0]
         grey = high_pass(first.view.grey)
         view = View(grey, first.view.aspect, first.view.sigma)
@@ -127,10 +134,13 @@ class Aligner:
             self.levels[1:], prepared[1:], _LEVELS[1:], strict=True
         ):
             guess = level.descend(grey, guess, n_steps)
+        if self._full and self.view_shift(guess.T) < _NEAR:
+            level, grey = self._full, self._full.view.prepare(image)
+            guess = level.descend(grey, guess, _N_FULL)
         similarity, share_visible = self.levels[1].compare(prepared[1], guess.T)
         displacement = conjugate(inverse_transform(self.mount), inverse_transform(guess.T))
         (delta_p,) = displacements_from_poses(np.eye(4), displacement[None], self.pivot)
-        covariance = self._covariance(prepared[-1], guess, displacement)
+        covariance = self._covariance(level, grey, guess, displacement)
         return Alignment(displacement, delta_p, covariance, similarity, share_visible, guess.light)
 
     def _best(self, prepared: Sequence[Floats], starts: Sequence[Array], n_starts: int) -> Guess:
@@ -162,20 +172,20 @@ class Aligner:
         v, w = np.split(logarithm(T), 2)
         return float(np.linalg.norm(v) * self._inverse_depth + np.linalg.norm(w))
 
-    def _covariance(self, image: Floats, guess: Guess, displacement: Array) -> Array:
+    def _covariance(self, level: Level, image: Floats, guess: Guess, displacement: Array) -> Array:
         """Covariance of the displacement about the pivot.
 
         The sandwich formula with residuals that are correlated inside blocks of the view, and the
         keyframe's own errors, which grow with the displacement. Robust weights hold less than
         they say: the slope of what they make of a residual is ``w (1 - 3 u) / (1 + u)``.
         """
-        J, r, w, scale = self.levels[-1].linearise(image, guess)
+        J, r, w, scale = level.linearise(image, guess)
         u = (r / (BEND * scale)) ** 2
         slope = float((w * ((1 - 3 * u) / (1 + u))).sum() / max(float(w.sum()), 1e-12))
         H = max(slope, _LEAST_SLOPE) * ((J * w[:, None]).T @ J).astype(float)
         bread = np.linalg.inv(H + np.diag(1 / PRIOR**2))
         scores = J * (w * r)[:, None]
-        blocks = self.levels[-1].blocks
+        blocks = level.blocks
         sums = np.stack([np.bincount(blocks, s, N_BLOCKS**2) for s in scores.T], axis=1)
         meat = sums.T @ sums + np.diag(1 / PRIOR**2)
         by_twist = self.by_twist(displacement)

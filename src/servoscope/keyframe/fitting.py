@@ -85,7 +85,8 @@ def fit_state(
 ) -> Solution:
     """The state that explains the images, which are sorted nearest first."""
     shifts = view_shifts(displacements, known.distance)
-    first = min(np.count_nonzero(shifts < _LEAST_SHIFT * shifts.max()), len(images) // 2)
+    n_near = int(np.count_nonzero(shifts < _LEAST_SHIFT * shifts.max()))
+    first = min(n_near, len(images) // 2)
     few = slice(first, first + _N_NEAREST)
     state = find_mount(images[few], displacements[few], reference_image, known, priors)
     state = replace(
