@@ -18,6 +18,7 @@ from layered_world import (
 )
 from servoscope import CameraModel, Keyframe
 from servoscope.errors import InvalidInputError
+from servoscope.keyframe import held_out_looks
 from servoscope.poses import displacements_from_poses, inverse_transform, pose_error
 
 N_FITTED, PIVOT = 14, 0.1
@@ -214,6 +215,7 @@ def test_an_image_without_any_detail_breaks_nothing_and_is_not_similar(keyframe)
         ({"images": np.zeros((3, 112, 176), np.uint8)}, "at least 6 images"),
         ({"T_world_cam": np.eye(4)}, "T_world_cam must hold rigid transforms"),
         ({"T_world_ref": np.full((4, 4), np.nan)}, "T_world_ref must hold rigid transforms"),
+        ({"reference_image": np.full((112, 176), 90, np.uint8)}, "some detail"),
         ({"pose_noise": (-1.0, 0.1)}, "pose_noise"),
         ({"mount": np.zeros((4, 4))}, "mount must"),
         ({"pivot": np.inf}, "pivot"),
@@ -270,3 +272,19 @@ def test_the_frame_of_the_poses_does_not_matter(keyframe):
         found.delta_p, displacements_from_poses(np.eye(4), found.displacement[None], PIVOT)[0]
     )
     assert inverse_transform(found.displacement).shape == (4, 4)
+
+
+def test_groups_are_read_by_keyframes_that_never_saw_them():
+    displacements = poses_about(14, 2)
+    images, poses = photographs(displacements, 3), reported(displacements)
+    wrong = images.copy()
+    wrong[:7] = photographs(poses_about(7, 31), 4)  # of other displacements than are reported
+    options = {"camera": CameraModel(FOCAL), "mount": MOUNT, "pivot": PIVOT}
+    groups = np.repeat([0, 1], 7)
+    looks = held_out_looks(wrong, poses, REFERENCE, np.eye(4), groups, **options)
+    assert looks.errors.shape == looks.std.shape == (14, 6)
+    off = np.linalg.norm(looks.errors[:, :3], axis=1)
+    assert np.median(off[:7]) > 0.01  # read well, by the good half, hence off what is reported
+    assert (looks.similarity[:7] > 0.8).all()
+    with pytest.raises(InvalidInputError, match="two groups or more"):
+        held_out_looks(images, poses, REFERENCE, np.eye(4), np.zeros(14))

@@ -56,8 +56,6 @@ class Solution:
         Robust standard deviation of each image's residuals, [grey].
     trust : ndarray of shape (height, width)
         Mean robust weight of each pixel over the images that see it, 0 to 1.
-    depth_precision : ndarray of shape (height, width)
-        Inverse variance of each pixel's inverse depth; zero unless the relief was free.
     covariance : ndarray of shape (20, 20)
         Of the unknowns that all images share.
     """
@@ -66,7 +64,6 @@ class Solution:
     cost: float
     scales: Array
     trust: Floats
-    depth_precision: Floats
     covariance: Array
 
 
@@ -139,7 +136,6 @@ class Adjustment:
             system.cost,
             system.scales,
             np.asarray(trust.reshape(self.view.shape), dtype=np.float32),
-            system.depth_hessian.reshape(self.view.shape).astype(np.float32),
             self._covariance(state, system, poses),
         )
 

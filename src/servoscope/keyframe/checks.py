@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 LEAST_IMAGES = 6
 """Fewest images that a keyframe is fitted to."""
 
+LEAST_DETAIL = 1.0
+"""Least standard deviation of the grey levels of a reference image."""
+
 LEAST_SIDE = 32
 """Fewest rows and columns of an image, [px]."""
 
@@ -35,6 +38,11 @@ def check_images(images: NDArray[np.uint8], reference_image: NDArray[np.uint8]) 
         raise InvalidInputError(
             f"Images must be as large as the reference image and at least {LEAST_SIDE} px a side, "
             f"got {images.shape[1:]} and {reference_image.shape}."
+        )
+    if reference_image.std() < LEAST_DETAIL:
+        raise InvalidInputError(
+            f"The reference image must show some detail, but its grey levels spread by "
+            f"{reference_image.std():.2g}; look at something with edges or texture."
         )
     if len(images) < LEAST_IMAGES:
         raise InvalidInputError(
