@@ -245,6 +245,7 @@ def test_rotations_alone_leave_depth_unknown_and_are_read_all_the_same():
     error = Rotation.from_matrix(found.displacement[:3, :3].T @ D[:3, :3]).magnitude()
     assert np.degrees(error) < 0.1
     assert found.std[:3].min() > 0.05
+    assert np.abs(found.displacement[:3, 3]).max() < 1e-3
 
 
 def test_a_known_camera_is_kept_and_a_fit_repeats_bit_for_bit():
@@ -275,16 +276,16 @@ def test_the_frame_of_the_poses_does_not_matter(keyframe):
 
 
 def test_groups_are_read_by_keyframes_that_never_saw_them():
-    displacements = poses_about(14, 2)
+    displacements = poses_about(12, 2)
     images, poses = photographs(displacements, 3), reported(displacements)
     wrong = images.copy()
-    wrong[:7] = photographs(poses_about(7, 31), 4)  # of other displacements than are reported
+    wrong[:6] = photographs(poses_about(6, 31), 4)  # of other displacements than are reported
     options = {"camera": CameraModel(FOCAL), "mount": MOUNT, "pivot": PIVOT}
-    groups = np.repeat([0, 1], 7)
+    groups = np.repeat([0, 1], 6)
     looks = held_out_looks(wrong, poses, REFERENCE, np.eye(4), groups, **options)
-    assert looks.errors.shape == looks.std.shape == (14, 6)
+    assert looks.errors.shape == looks.std.shape == (12, 6)
     off = np.linalg.norm(looks.errors[:, :3], axis=1)
-    assert np.median(off[:7]) > 0.01  # read well, by the good half, hence off what is reported
-    assert (looks.similarity[:7] > 0.8).all()
+    assert np.median(off[:6]) > 0.01  # read well, by the good half, hence off what is reported
+    assert (looks.similarity[:6] > 0.8).all()
     with pytest.raises(InvalidInputError, match="two groups or more"):
-        held_out_looks(images, poses, REFERENCE, np.eye(4), np.zeros(14))
+        held_out_looks(images, poses, REFERENCE, np.eye(4), np.zeros(12))

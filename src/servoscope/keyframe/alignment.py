@@ -27,7 +27,7 @@ Floats = NDArray[np.float32]
 _LEVELS = ((32, 1.0, 10), (64, 0.7, 8), (128, 0.7, 5))
 _STIFFNESS = (1.0, 0.1, 0.0)
 _FULL, _N_FULL, _MOST_PIXELS = 256, 3, 16384
-_NEAR = 0.05
+_NEAR, _FAR = 0.05, 0.01
 _N_STARTS = 5
 _N_COMPARED = 5
 _N_SPREAD = 200
@@ -120,7 +120,10 @@ class Aligner:
         self._without_light = Level(
             view, camera, view.resize(inverse_depth), view.resize(trust), _STIFFNESS[0]
         )
-        self.starts = _starts(inverse_transform(conjugate(mount, displacements)))
+        twists = logarithm(inverse_transform(conjugate(mount, displacements)))
+        if self._inverse_depth < _FAR:  # translations are not seen: they stay at none
+            twists[:, :3] = 0
+        self.starts = _starts(twists)
 
     def align(self, image: NDArray[np.uint8], start: Array | None) -> Alignment:
         """See `Keyframe.align`."""
@@ -199,8 +202,7 @@ class Aligner:
         return -about @ adjoint(inverse_transform(P) @ self.mount)
 
 
-def _starts(transforms: Array) -> list[Array]:
+def _starts(twists: Array) -> list[Array]:
     """None, those that are given, and more that are spread as they are."""
-    twists = logarithm(transforms)
     mix = np.random.default_rng(0).normal(size=(_N_SPREAD, len(twists))) / np.sqrt(len(twists))
-    return [np.eye(4), *transforms, *exponential(mix @ twists)]
+    return [np.eye(4), *exponential(np.concatenate([twists, mix @ twists]))]

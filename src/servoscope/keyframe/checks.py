@@ -73,6 +73,13 @@ def check_numbers(pivot: float, distance: float, pose_noise: tuple[float, float]
         )
 
 
+def checked_noise(noise: float) -> float:
+    """The noise, if it is a deviation of grey levels."""
+    if not noise > 0:
+        raise InvalidInputError(f"noise must be positive, in grey levels, got {noise}.")
+    return noise
+
+
 def check_names(names: list[str], arrays: Mapping[str, Any]) -> None:
     """Raise InvalidInputError unless all arrays of a keyframe are there."""
     if missing := sorted(set(names) - set(arrays)):

@@ -11,8 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import threadpool_limits
 
-from servoscope.errors import InvalidInputError
-from servoscope.keyframe.adjustment import LEAST_INVERSE_DEPTH
 from servoscope.keyframe.alignment import Aligner, Alignment
 from servoscope.keyframe.camera import CameraModel
 from servoscope.keyframe.checks import (
@@ -21,6 +19,7 @@ from servoscope.keyframe.checks import (
     check_like,
     check_names,
     check_numbers,
+    checked_noise,
     rigid,
 )
 from servoscope.keyframe.fitting import Known, chosen_images, evenly_spread, fit_state
@@ -38,7 +37,7 @@ Array = NDArray[np.float64]
 MOST_READ = 30
 """Most of the fitted images from which the keyframe's own errors are found."""
 
-_OPTIMISM = 1.25
+_OPTIMISM, _FAR = 1.25, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,8 +178,10 @@ class Keyframe:
             pixel_noise(images[chosen]),
         )
         if not keyframe.observable["depth"]:  # only rotations are read from images
-            flat = np.full_like(keyframe.inverse_depth, LEAST_INVERSE_DEPTH)
-            keyframe = replace(keyframe, inverse_depth=flat)
+            far = np.full_like(keyframe.inverse_depth, _FAR)
+            turned = state.mount.copy()
+            turned[:3, 3] = 0 if start is None else start[:3, 3]
+            keyframe = replace(keyframe, inverse_depth=far, mount=turned)
         return replace(keyframe, model_error=keyframe._find_model_error(images[chosen]))
 
     def _find_model_error(self, images: NDArray[np.uint8]) -> Array:
@@ -217,7 +218,7 @@ class Keyframe:
             As large as the reference image.
         start : array of shape (4, 4), optional
             A first guess of the displacement. Without it the displacements of the fitted images
-            are tried.
+            are tried. Not to be called by several threads at once.
 
         Returns
         -------
@@ -266,9 +267,7 @@ class Keyframe:
         -------
         ViewLimit
         """
-        noise = self.noise if noise is None else noise
-        if not noise > 0:
-            raise InvalidInputError(f"noise must be positive, in grey levels, got {noise}.")
+        noise = self.noise if noise is None else checked_noise(noise)
         view = View.of(self.reference_image, self.reference_image.shape[1], 0.5)
         depth = view.resize(self.inverse_depth)
         level = Level(view, self.camera, depth, np.ones_like(depth))
@@ -279,8 +278,8 @@ class Keyframe:
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """All that makes the keyframe, as arrays of numbers."""
-        arrays = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
-        return arrays | {"camera": self.camera.values}
+        values = vars(self) | {"camera": self.camera.values}
+        return {f.name: np.asarray(values[f.name]) for f in fields(self)}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Keyframe:
