@@ -44,7 +44,7 @@ def test_what_was_written_is_read(wishes):
         ("q=1mm", "one of tx, ty"),
         ("tx=1deg", "tx is told in mm or um or m, got 'tx=1deg'"),
         ("rz=1mm", "rz is told in deg"),
-        ("tx=1mm,t=2mm", "tx is wished for twice"),
+        ("tx=1mm,t=2mm", "tx is named twice"),
     ],
 )
 def test_what_is_no_wish_is_refused_in_one_line(text, said):

@@ -117,8 +117,8 @@ def test_a_model_of_other_images_moves_no_simulated_robot(cell, capsys, tmp_path
 def test_images_that_cannot_train_are_refused_in_a_line(cell, capsys, tmp_path) -> None:
     data = PoseImageSet.load(cell / "data")
     few = PoseImageSet(
-        data.images[:30],
-        data.T_world_cam[:30],
+        data.images[:9],
+        data.T_world_cam[:9],
         data.T_world_ref,
         data.reference_image,
         pivot=data.pivot,

@@ -66,7 +66,7 @@ def test_a_dof_that_never_moves_is_refused(dof) -> None:
 @pytest.mark.parametrize("chosen", [slice(0, 2), slice(0, 9), slice(0, 40), slice(300, None)])
 def test_too_few_images_over_the_range_are_refused(chosen) -> None:
     with pytest.raises(DataSetError, match=r"at least \d+ images displaced by 70%") as info:
-        train(subset(camera_data(), chosen), n_jobs=1)
+        train(subset(camera_data(), chosen), method="levels", n_jobs=1)
     assert "\n" not in str(info.value)
 
 
@@ -78,7 +78,7 @@ def test_one_image_is_refused() -> None:
 def test_the_fewest_images_that_are_asked_for_are_enough() -> None:
     data = camera_data()
     with pytest.raises(DataSetError) as info:
-        train(subset(data, slice(0, 9)), n_jobs=1)
+        train(subset(data, slice(0, 9)), method="levels", n_jobs=1)
     least = int(re.search(r"at least (\d+)", str(info.value))[1])
     far = np.flatnonzero(np.abs(data.delta_p() / RANGES).max(axis=1) > 0.7)
     model = train(subset(data, far[:least]), n_jobs=1)

@@ -49,7 +49,7 @@ def parse_wishes(text: str) -> dict[str, float]:
         name, value, unit = _read(part)
         for dof in [dof for dof in DOFS if name in (dof, dof[0])]:
             if dof in wishes:
-                raise InvalidInputError(f"{dof} is wished for twice in {text!r}; name it once.")
+                raise InvalidInputError(f"{dof} is named twice in {text!r}; name it once.")
             wishes[dof] = value * _factor(part, dof, unit)
     return {dof: wishes[dof] for dof in DOFS if dof in wishes}
 
@@ -63,7 +63,7 @@ def _read(part: str) -> tuple[str, float, str]:
         value = np.nan
     if not 0 < value < np.inf or name not in {*DOFS, "t", "r"}:
         raise InvalidInputError(
-            f"A wished accuracy is written like tx=0.5mm or rz=0.1deg, with one of "
+            f"An accuracy is written like tx=0.5mm or rz=0.1deg, with one of "
             f"{', '.join(DOFS)} and a positive number, got {part.strip()!r}."
         )
     return name, value, unit

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,11 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import arg
 
 from servoscope.commands.options import Json, Model, RobotName
-from servoscope.errors import InvalidInputError, ServoscopeError
+from servoscope.errors import InvalidInputError, ServoscopeError, ServoscopeWarning
 
 if TYPE_CHECKING:
-    from servoscope.positioning import PositioningModel, PositioningResult
+    from servoscope.positioning import KeyframeModel, PositioningModel, PositioningResult
     from servoscope.robots.registry import SimulatedRobot
+
+    Trained = PositioningModel | KeyframeModel
 
 Log = Annotated[Path | None, arg(metavar="FOLDER", help="New folder to log the run to.")]
 Replay = Annotated[
@@ -72,7 +75,7 @@ def position(
         tolerance_deg: Angle to get under.
         repeatability_mm: How far from where it is sent the robot comes to rest, if that is known.
         repeatability_deg: The same for its rotation.
-        read_timeout_s: How long an image may take.
+        read_timeout_s: How long an image or a pose may take.
         first_read_timeout_s: How long the first image may take.
         move_timeout_s: How long a move may take.
         dry_run: Look once and tell the move, without making it.
@@ -114,9 +117,7 @@ def position(
         raise ServoscopeError(f"{result.status}: {result.message}")
 
 
-def _simulated_cell(
-    model: PositioningModel, robot: str | None, condition: str, seed: int
-) -> SimulatedRobot:
+def _simulated_cell(model: Trained, robot: str | None, condition: str, seed: int) -> SimulatedRobot:
     """The robot and the part of training, at a start and under a condition."""
     from servoscope.scoreboard.cell import robot_in_cell
 
@@ -138,7 +139,7 @@ def _simulated_cell(
 
 
 def _run(
-    model: PositioningModel, cell: SimulatedRobot, settings: Any, dry_run: bool, log: Path | None
+    model: Trained, cell: SimulatedRobot, settings: Any, dry_run: bool, log: Path | None
 ) -> tuple[PositioningResult, list[dict[str, float]]]:
     """The run, and the true distance from the reference at every look and at the end."""
     import numpy as np
@@ -161,7 +162,11 @@ def _run(
     result = positioner.run(cell, cell, dry_run=dry_run, on_step=note)
     note()
     if run_log is not None:
-        run_log.finish(result)
+        try:
+            run_log.finish(result)
+        except OSError as error:
+            reason = f"The end of the run is not in its log, which cannot be written: {error}."
+            warnings.warn(reason, ServoscopeWarning, stacklevel=2)
     return result, distances
 
 
@@ -194,7 +199,7 @@ def _print_run(result: PositioningResult, distances: Sequence[dict[str, float]])
     out.print(f"{result.status}: {result.message}")
 
 
-def _replayed(model: PositioningModel, folder: Path) -> dict[str, Any]:
+def _replayed(model: Trained, folder: Path) -> dict[str, Any]:
     import numpy as np
 
     from servoscope.positioning.run_log import replay

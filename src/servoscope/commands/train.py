@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from servoscope.commands.options import DataSet, Force, Jobs, Json, ModelOut, owning_model
 
@@ -12,6 +12,7 @@ from servoscope.commands.options import DataSet, Force, Jobs, Json, ModelOut, ow
 def train(
     dataset: DataSet,
     out: ModelOut = Path("servoscope-model"),
+    method: Literal["auto", "keyframe", "levels"] = "auto",
     seed: int = 0,
     jobs: Jobs = None,
     force: Force = False,
@@ -19,13 +20,14 @@ def train(
 ) -> None:
     """Train a model that brings the camera back to the reference of a data set.
 
-    The images are best taken in rings around the reference: wide ones to find the way from afar,
-    narrow ones to be exact. The poses may be those of the robot's flange: where the camera sits in
-    it need not be known.
+    Twenty to sixty images spread over the range make a keyframe: the reference image with lens,
+    mount and depth. Hundreds in rings around the reference make levels and networks. The poses may
+    be those of the robot's flange: where the camera sits in it need not be known.
 
-    Example: servoscope acquire cell --schedule default && servoscope train cell --out model
+    Example: servoscope acquire cell --schedule 40@1.6 && servoscope train cell --out model
 
     Args:
+        method: What to make; by default levels if the images are enough for them, else a keyframe.
         seed: Seed of the nets, of what is held out, and of the disturbances.
     """
     from servoscope.commands.options import n_jobs
@@ -40,7 +42,7 @@ def train(
     check_free(out, force=force)
     data = PoseImageSet.load(dataset)
     with progress_bar("training", N_STAGES) as advance:
-        model = train_model(data, seed=seed, n_jobs=processes, on_progress=advance)
+        model = train_model(data, method=method, seed=seed, n_jobs=processes, on_progress=advance)
     model.save(out, force=force)
     if json:
         print_json({"model": str(out), "accuracy": model.accuracy})
@@ -55,11 +57,18 @@ def _print_accuracy(accuracy: dict[str, Any]) -> None:
     from servoscope.commands.output import console
     from servoscope.poses import DISPLAY_UNITS, DOFS
 
-    table = Table(title="Median error of one look at images held out", title_justify="left")
-    for column in ("displaced by up to", "images", *map("{}\n[{}]".format, DOFS, DISPLAY_UNITS)):
-        table.add_column(column, justify="right")
-    for ring in accuracy["rings"]:
-        for kind in ("clean", "disturbed"):
-            errors = [f"{ring[kind][dof]:.3f}" for dof in DOFS]
-            table.add_row(f"{ring['mm']:.3g} mm, {ring['deg']:.3g} deg", kind, *errors)
+    table = Table(title="Error of one look at images held out", title_justify="left")
+    dofs = list(map("{}\n[{}]".format, DOFS, DISPLAY_UNITS))
+    if "rings" in accuracy:
+        for column in ("displaced by up to", "images", *dofs):
+            table.add_column(column, justify="right")
+        for ring in accuracy["rings"]:
+            for kind in ("clean", "disturbed"):
+                errors = [f"{ring[kind][dof]:.3f}" for dof in DOFS]
+                table.add_row(f"{ring['mm']:.3g} mm, {ring['deg']:.3g} deg", kind, *errors)
+    else:
+        for column in ("", *dofs):
+            table.add_column(column, justify="right")
+        for name, label in (("median", "median"), ("quantile_90", "90 % are below")):
+            table.add_row(label, *(f"{accuracy[name][dof]:.3f}" for dof in DOFS))
     console().print(table)

@@ -24,7 +24,7 @@ from servoscope.poses import displacements_from_poses, inverse_transform, rigid_
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-_LEVELS = ((32, 1.0, 10), (64, 0.7, 8), (128, 0.7, 5))
+_LEVELS = ((32, 1.0, 10), (64, 0.7, 8), (128, 1.0, 6))
 _STIFFNESS = (1.0, 0.1, 0.0)
 _FULL, _N_FULL, _MOST_PIXELS = 256, 3, 16384
 _NEAR, _FAR = 0.05, 0.01
@@ -109,11 +109,6 @@ class Aligner:
             self.levels.append(
                 Level(view, camera, depth, weight, stiffness, width == _LEVELS[-1][0])
             )
-        self._full = None
-        if reference_image.shape[1] > _LEVELS[-1][0]:
-            view = View.of(reference_image, min(_FULL, reference_image.shape[1]), 0.5)
-            depth, weight = view.resize(inverse_depth), view.resize(trust)
-            self._full = Level(view, camera, depth, weight, finest=True, most=_MOST_PIXELS)
         first = self.levels[0]
         grey = high_pass(first.view.grey)
         view = View(grey, first.view.aspect, first.view.sigma)
@@ -137,9 +132,6 @@ class Aligner:
             self.levels[1:], prepared[1:], _LEVELS[1:], strict=True
         ):
             guess = level.descend(grey, guess, n_steps)
-        if self._full and self.view_shift(guess.T) < _NEAR:
-            level, grey = self._full, self._full.view.prepare(image)
-            guess = level.descend(grey, guess, _N_FULL)
         similarity, share_visible = self.levels[1].compare(prepared[1], guess.T)
         displacement = conjugate(inverse_transform(self.mount), inverse_transform(guess.T))
         (delta_p,) = displacements_from_poses(np.eye(4), displacement[None], self.pivot)

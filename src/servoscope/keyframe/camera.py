@@ -19,6 +19,7 @@ N_CAMERA = 5
 """Parameters of a camera: ln f, cx, cy, k1, k2."""
 
 _NEWTON_STEPS = 8
+_WIDEST = 10.0
 _LEAST_SLOPE = 0.15
 
 
@@ -137,4 +138,5 @@ class CameraModel:
             r2 = r * r
             slope = np.maximum(1 + 3 * self.k1 * r2 + 5 * self.k2 * r2**2, _LEAST_SLOPE)
             r -= (r * (1 + self.k1 * r2 + self.k2 * r2**2) - r_seen) / slope
+            r = np.clip(r, 0, _WIDEST)
         return seen * np.divide(r, r_seen, out=np.ones_like(r), where=r_seen > 1e-12)[:, None]

@@ -4,6 +4,7 @@ from .interfaces import Estimate as Estimate
 from .interfaces import Estimator as Estimator
 from .interfaces import Robot as Robot
 from .iterated_networks import IteratedNetworks as IteratedNetworks
+from .keyframe_model import KeyframeModel as KeyframeModel
 from .look_and_move import Positioner as Positioner
 from .model import PositioningModel as PositioningModel
 from .pose_networks import PoseNetworks as PoseNetworks

@@ -132,8 +132,6 @@ def doubts(step: Step, settings: LoopSettings) -> list[str]:
     seen = step.comparison
     if not step.estimate.is_finest:
         found.append(f"{step.estimate.stage} answered, which is not the finest stage")
-    if seen is not None and (clipped := clipping(seen.usable, settings)):
-        found.append(clipped)
     if seen is not None and seen.matched < settings.least_matched:
         found.append(
             f"{seen.matched:.0%} of the view match the reference, and at least "
@@ -145,16 +143,6 @@ def doubts(step: Step, settings: LoopSettings) -> list[str]:
             f"{settings.largest_shift:.2%} are allowed"
         )
     return found
-
-
-def clipping(usable: float, settings: LoopSettings) -> str | None:
-    """Of an image with too many pixels that are clipped, though not in the reference."""
-    if usable >= settings.least_usable:
-        return None
-    return (
-        f"{1 - usable:.0%} of what the reference shows are clipped, and at most "
-        f"{1 - settings.least_usable:.0%} may be: check the exposure and the lights"
-    )
 
 
 def supports(estimate: Estimate, settings: LoopSettings, pivot: float) -> str | None:
@@ -193,7 +181,12 @@ def scatter(steps: Sequence[Step], settings: LoopSettings, pivot: float) -> Arra
         Root mean square of the believed displacements about the pivot, [m] and [rad]; None while
         the camera still comes nearer.
     """
-    last = [step.estimate for step in steps[-_FLOOR_LOOKS:]]
+    after_moves = [
+        step
+        for before, step in zip((None, *steps), steps, strict=False)
+        if before is None or before.executed is not None
+    ]
+    last = [step.estimate for step in after_moves[-_FLOOR_LOOKS:]]
     if len(last) < _FLOOR_LOOKS or not all(
         estimate.is_finest and is_at_hand(estimate.displacement, settings) for estimate in last
     ):

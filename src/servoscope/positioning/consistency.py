@@ -142,9 +142,12 @@ def innovation(
     expected = before.displacement @ moved
     move = about_pivot(expected) - start
     difference = seen - start - move
-    believed = np.nan_to_num(np.hypot(before.std, after.std), nan=0.0, posinf=0.0)
-    std = np.maximum(np.hypot(believed, robot_std), _LEAST_STD * unit)
-    deviations = float(np.sqrt(np.mean((difference / std) ** 2)))
+    believed = np.hypot(before.std, after.std)
+    known = np.isfinite(believed)
+    std = np.hypot(np.where(known, believed, 0.0), robot_std)
+    judged = known if known.any() else np.ones(6, dtype=bool)
+    ratio = difference / np.maximum(std, _LEAST_STD * unit)
+    deviations = float(np.sqrt(np.mean(ratio[judged] ** 2)))
     squared = max(size(move) ** 2, 1e-24)
     along = float(np.mean((seen - start) * move / unit**2)) / squared
     really = inverse_transform(before.displacement) @ after.displacement
@@ -163,7 +166,7 @@ def innovation(
         along=along,
         cause=cause if fits else _OTHER,
         fits=fits,
-        is_known=bool((believed > 0).any()),
+        is_known=bool(known.any()),
     )
 
 

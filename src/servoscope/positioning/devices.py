@@ -39,8 +39,9 @@ class RunEnded(Exception):
 class Interruption:
     """Signals to end, heard once: the first raises KeyboardInterrupt, later ones change nothing.
 
-    So a second Ctrl-C cannot cut short what the first one began. Signals with a handler of the
-    caller's own, and threads other than the main one, are left as they are.
+    So a second Ctrl-C cannot cut short what the first one began. Should a driver or a callback
+    catch the first, `check` raises it again. Signals with a handler of the caller's own, and
+    threads other than the main one, are left as they are.
 
     Examples
     --------
@@ -50,12 +51,18 @@ class Interruption:
     """
 
     def __init__(self) -> None:
+        self._heard: str | None = None
         self._is_held = False
         self._before: dict[int, Any] = {}
 
     def hold(self) -> None:
         """From now on no signal is heard."""
         self._is_held = True
+
+    def check(self) -> None:
+        """Raise KeyboardInterrupt if a signal was heard, and caught by somebody else."""
+        if self._heard is not None and not self._is_held:
+            raise KeyboardInterrupt(self._heard)
 
     def __enter__(self) -> Interruption:
         if threading.current_thread() is threading.main_thread():
@@ -75,9 +82,9 @@ class Interruption:
             signal.signal(number, handler)
 
     def _hear(self, number: int, frame: FrameType | None) -> None:
-        if not self._is_held:
-            self.hold()
-            raise KeyboardInterrupt(signal.Signals(number).name)
+        if self._heard is None and not self._is_held:
+            self._heard = signal.Signals(number).name
+            raise KeyboardInterrupt(self._heard)
 
 
 _DEFAULT_HANDLERS = (signal.SIG_DFL, signal.default_int_handler)

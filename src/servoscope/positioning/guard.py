@@ -80,6 +80,16 @@ def exposure_fault(image: NDArray[np.uint8], reference: NDArray[np.uint8]) -> st
     return None
 
 
+def clipping_fault(usable: float, settings: LoopSettings) -> str | None:
+    """Of an image with too many pixels that are clipped, though not in the reference."""
+    if usable >= settings.least_usable:
+        return None
+    return (
+        f"The image is clipped in {1 - usable:.0%} of what the reference shows, and at most "
+        f"{1 - settings.least_usable:.0%} may be; check the exposure and the lights."
+    )
+
+
 def frozen_fault(moved: Array, reach: Array, pivot: float) -> str | None:
     """Of an image that is the same, bit for bit, as before the robot moved.
 
@@ -154,7 +164,8 @@ def standing_fault(T_before: Array, T_now: Array, settings: LoopSettings) -> str
         return None
     return (
         f"The robot was moved {as_text(moved)} since the image was taken, though no move was "
-        "commanded, and none is from there; see that nothing else moves it, and start again."
+        "commanded, and none is from there; see that nothing else moves it, or give its "
+        "repeatability if it was still settling."
     )
 
 

@@ -92,6 +92,11 @@ def plan_rungs(p: Array) -> list[Rung]:
     return rungs
 
 
+def has_images_for_levels(p: Array) -> bool:
+    """Whether displacements in shares of the reach, (n_images, 6), allow the widest level."""
+    return _shell(np.abs(p).max(axis=1), 1.0) >= _images_needed(2)
+
+
 def _shell(size: Array, radius: float) -> int:
     """How many images lie near the border of a radius."""
     return int(np.sum((size > _SHELL * radius) & (size <= MARGIN * radius)))

@@ -15,6 +15,7 @@ from servoscope.poses import poses_from_displacements
 from servoscope.positioning.alignment import Alignment
 from servoscope.positioning.interaction import MARGIN, LearnedInteraction
 from servoscope.positioning.interfaces import Array, Estimate, Image
+from servoscope.positioning.keyframe_model import KIND, KeyframeModel
 from servoscope.positioning.model_folder import read_model, write_model
 from servoscope.positioning.pose_networks import PoseNetworks
 
@@ -179,8 +180,8 @@ class PositioningModel:
         write_model(folder, header, arrays, force=force)
 
     @classmethod
-    def load(cls, folder: Folder) -> PositioningModel:
-        """Read a model; nothing in the folder is executed.
+    def load(cls, folder: Folder) -> PositioningModel | KeyframeModel:
+        """Read a model of whatever kind; nothing in the folder is executed.
 
         Raises
         ------
@@ -189,6 +190,8 @@ class PositioningModel:
         """
         header, arrays = read_model(folder)
         try:
+            if header.get("kind") == KIND:
+                return KeyframeModel.restore(header, arrays)
             levels = [
                 LearnedInteraction.restore(description, _within(arrays, f"level{k}/"))
                 for k, description in enumerate(header["levels"])

@@ -125,8 +125,10 @@ class ReferenceView:
         return Comparison(usable, share, shift / max(self._seen.shape), significance, difference)
 
 
-def similarity(image: Floats, expected: Floats) -> float:
+def similarity(image: Floats, expected: Floats, weights: Floats | None = None) -> float:
     """Median normalised correlation of the cells in which `expected` shows something.
+
+    `weights` are 1 where `expected` is known, and 0 elsewhere.
 
     Examples
     --------
@@ -134,7 +136,8 @@ def similarity(image: Floats, expected: Floats) -> float:
     >>> round(similarity(3 * expected + 5, expected), 6), round(similarity(-expected, expected), 6)
     (1.0, -1.0)
     """
-    cells = _Grid(image.shape).match(image, expected, np.ones_like(image))
+    weights = np.ones_like(image) if weights is None else weights
+    cells = _Grid(image.shape).match(image, expected, weights)
     found = cells.correlation[cells.textured]
     return float(np.median(found)) if found.size else 0.0
 

@@ -74,7 +74,7 @@ class Step:
             "commanded": plain(self.commanded),
             "executed": plain(self.executed),
             "seconds": plain(self.seconds),
-            "reference": None
+            "comparison": None
             if self.comparison is None
             else {k: plain(v) for k, v in self.comparison._asdict().items()},
         }

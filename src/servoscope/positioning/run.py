@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NoReturn
 
 import numpy as np
 
@@ -64,22 +65,19 @@ class Run:
         self.reference = ReferenceView(estimator.reference_image)
         self.steps: list[Step] = []
         self.returned_to: int | None = None
-        self._moved_after: Step | None = None
+        self._moved_after: tuple[Step, Image] | None = None
         self._contradicted_by: str | None = None
         self._is_late = False
-        self._n_unconfirmed = 0
+        self._n_doubts, self._n_unsteady = 0, 0
         self._last_change: tuple[Image, Array] | None = None
-        self._last_images: tuple[Image, Image] = (estimator.reference_image,) * 2
+        self._last_image: Image = estimator.reference_image
 
     def until_end(self, dry_run: bool) -> PositioningResult:
         """Look and move until there is a reason not to, stop the robot, and say how it ended."""
         with Interruption() as interruption:
             try:
-                self._approach(dry_run)
-            except RunEnded as end:
-                interruption.hold()
-                status, message = end.status, str(end)
-            except (KeyboardInterrupt, SystemExit, GeneratorExit) as end:
+                status, message = self._ended(interruption, dry_run)
+            except KeyboardInterrupt as end:
                 interruption.hold()
                 status, message = "interrupted", f"Interrupted{_by_whom(end)}."
             except BaseException:
@@ -92,15 +90,29 @@ class Run:
                     message = f"{message} {stopped}"
         return self._result(status, message)
 
-    def _approach(self, dry_run: bool) -> None:
+    def _ended(self, interruption: Interruption, dry_run: bool) -> tuple[str, str]:
+        """Status and message of the end, after which no signal is heard any more."""
+        try:
+            self._approach(interruption, dry_run)
+        except RunEnded as end:
+            interruption.hold()
+            return end.status, str(end)
+        except (SystemExit, GeneratorExit) as end:
+            interruption.hold()
+            return "interrupted", f"Interrupted{_by_whom(end)}."
+
+    def _approach(self, interruption: Interruption, dry_run: bool) -> NoReturn:
         try:
             while True:
+                interruption.check()
                 commanded = self._look()
                 if commanded is None:
                     continue
                 if dry_run:
                     raise RunEnded("dry_run", _dry_run_message(commanded))
-                self._moved_after, self._contradicted_by = self.steps[-1], None
+                self._moved_after = self.steps[-1], self._last_image
+                self._contradicted_by, self._n_unsteady = None, 0
+                interruption.check()
                 executed = self.robot.move(commanded, self.steps[-1].pose)
                 self.steps[-1] = replace(self.steps[-1], executed=executed)
         except RunEnded as end:
@@ -110,7 +122,9 @@ class Run:
 
     def _result(self, status: str, message: str) -> PositioningResult:
         if self._is_late:
-            message += " The camera gave images late, so that two were taken for each."
+            message += (
+                " The camera gave images late, or unsteady ones, so that two were taken for each."
+            )
         if self.returned_to is not None:
             message += f" The robot went back to the best pose seen, look {self.returned_to + 1}."
         remaining, std = self._belief()
@@ -126,7 +140,7 @@ class Run:
         image = self.camera.read()
         start = time.perf_counter()
         self._check_image(image, pose)
-        self._last_images = self._last_images[1], image
+        self._last_image = image
         comparison, error = self.reference.compare(image), self.reference.error(image)
         estimate = self._estimate(image)
         self.steps.append(Step(pose, error, estimate, None, None, np.nan, comparison))
@@ -148,16 +162,24 @@ class Run:
         A late camera first shows where the robot was before. Where the images differ two are
         taken from then on.
         """
-        moved = ReferenceView(image).compare(self.camera.read())
-        if not arrival.is_displaced(moved):
+        second = self.camera.read()
+        if reason := guard.exposure_fault(second, self.estimator.reference_image):
+            return RunEnded("camera_fault", reason)
+        compared = ReferenceView(image).compare(second)
+        if not arrival.is_displaced(compared):
             return arrived
         self._is_late = True
-        self._n_unconfirmed += 1
-        if self._n_unconfirmed < _MOST_UNCONFIRMED:
+        self._n_unsteady += 1
+        if self._n_unsteady < _MOST_UNCONFIRMED:
             return None
+        difference = (
+            f"are displaced by {compared.shift:.2%} of their width"
+            if np.isfinite(compared.shift)
+            else "show different views"
+        )
         reason = (
-            f"Two images from the same pose are displaced by {moved.shift:.2%} of their width; see "
-            "that nothing moves in the view, and that the camera gives new images."
+            f"Two images from the same pose {difference}; see that nothing moves in the view, and "
+            "that the camera gives new images."
         )
         return RunEnded("abstained", reason)
 
@@ -175,8 +197,8 @@ class Run:
     def _check_image(self, image: Image, pose: Array) -> None:
         if reason := guard.exposure_fault(image, self.estimator.reference_image):
             raise RunEnded("camera_fault", reason)
-        if reason := arrival.clipping(self.reference.usable(image), self.settings):
-            raise RunEnded("camera_fault", f"Of the image {reason}.")
+        if reason := guard.clipping_fault(self.reference.usable(image), self.settings):
+            raise RunEnded("camera_fault", reason)
         if self._last_change is not None and np.array_equal(image, self._last_change[0]):
             moved = inverse_transform(self._last_change[1]) @ pose
             if reason := guard.frozen_fault(moved, self.estimator.reach, self.estimator.pivot):
@@ -230,10 +252,10 @@ class Run:
 
         A view that is not recognised has not followed it only if a fault explains what is seen.
         """
-        before, after = self._moved_after, self.steps[-1]
         largest = self.settings.largest_innovation
-        if before is None or largest is None:
+        if self._moved_after is None or largest is None:
             return None
+        (before, image_before), after = self._moved_after, self.steps[-1]
         moved = inverse_transform(before.pose) @ after.pose
         pivot, reach = self.estimator.pivot, self.estimator.reach
         found = innovation(
@@ -246,14 +268,11 @@ class Run:
         )
         if found.contradicts(largest) and (found.fits or not is_novel):
             return found
-        is_stale = found.share > largest and found.size > _LEAST_SEEN and self._is_unchanged()
-        return found._replace(cause=LATE, fits=True) if is_stale else None
-
-    def _is_unchanged(self) -> bool:
-        """Whether the last image shows the same view as the one before."""
-        before, last = self._last_images
-        comparison = ReferenceView(before).compare(last)
-        return comparison.matched > _SAME_CELLS and not arrival.is_displaced(comparison)
+        if found.share <= largest or found.size <= _LEAST_SEEN:
+            return None
+        compared = ReferenceView(image_before).compare(self._last_image)
+        is_same = compared.matched > _SAME_CELLS and not arrival.is_displaced(compared)
+        return found._replace(cause=LATE, fits=True) if is_same else None
 
     def _equals_reference(self) -> bool:
         comparison = self.steps[-1].comparison
@@ -277,6 +296,7 @@ class Run:
         if not is_there and not arrival.is_noise_only(estimates, pivot, settings):
             scatter = arrival.scatter(self.steps, settings, pivot)
             if scatter is None:
+                self._n_doubts = 0
                 return None
             rest = arrival.Reached.of_deviation(scatter, pivot)
             allowed_by = "the robot"
@@ -295,8 +315,8 @@ class Run:
 
     def _unconfirmed(self, found: list[str]) -> RunEnded | None:
         """The end of a run that seemed twice to have arrived, with something against it."""
-        self._n_unconfirmed += 1
-        if self._n_unconfirmed < _MOST_UNCONFIRMED:
+        self._n_doubts += 1
+        if self._n_doubts < _MOST_UNCONFIRMED:
             return None
         there = as_text(self.steps[-1].estimate.displacement)
         return RunEnded("abstained", f"Believed {there} away, but unconfirmed: {'; '.join(found)}.")

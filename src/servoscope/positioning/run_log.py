@@ -24,6 +24,7 @@ from servoscope.poses import pose_error
 from servoscope.positioning.guard import is_finite_rigid
 from servoscope.positioning.interfaces import Array, Estimate, Estimator, Image
 from servoscope.positioning.look_and_move import Positioner
+from servoscope.positioning.reference_view import Comparison
 from servoscope.positioning.result import PositioningResult, Step, plain
 from servoscope.storage.reading import open_image, parse_json, read_bytes, read_json, words
 
@@ -193,7 +194,14 @@ def _read_step(record: dict[str, Any]) -> Step:
         commanded=_motion(record, "commanded"),
         executed=_motion(record, "executed"),
         seconds=float(_array(record, "seconds", ())),
+        comparison=_comparison(record.get("comparison")),
     )
+
+
+def _comparison(values: dict[str, float | None] | None) -> Comparison | None:
+    if values is None:
+        return None
+    return Comparison(**{k: np.inf if v is None else float(v) for k, v in values.items()})
 
 
 def _motion(record: dict[str, Any], name: str) -> Array | None:

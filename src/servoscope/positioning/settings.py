@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,8 +49,7 @@ class LoopSettings:
     least_similarity : float
         The least similarity of an image with what the estimator expects at the displacement.
     least_usable : float
-        Share of the pixels that must not be clipped, unless the reference is clipped there, for
-        the camera to have arrived.
+        Share of the pixels that must not be clipped, unless the reference is clipped there.
     least_matched : float
         Share of the view that must show what the reference shows there, for the camera to have
         arrived.
@@ -66,8 +66,8 @@ class LoopSettings:
         Looks in a row that may bring the believed displacement to no new low, before that is called
         divergence; 0 for any number. It does not count where the finest stage answers.
     read_timeout_s, move_timeout_s : float, optional
-        How long an image, or a pose, and a move may take; None calls without a watch, in the
-        thread of the caller.
+        How long an image or a pose may take, and how long a move; None calls without a watch, in
+        the thread of the caller.
     first_read_timeout_s : float, optional
         The same for the first image, for which a camera may have to start.
     execution_share : float
@@ -114,7 +114,12 @@ class LoopSettings:
     def __post_init__(self) -> None:
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "tolerances"}
         optional = {f.name for f in fields(self) if "None" in str(f.type)}
-        for dof, value in dict(self.tolerances).items():
+        if not isinstance(self.tolerances, Mapping):
+            raise InvalidInputError(
+                f"tolerances must map dofs to numbers, got a {type(self.tolerances).__name__}."
+            )
+        object.__setattr__(self, "tolerances", dict(self.tolerances))
+        for dof, value in self.tolerances.items():
             if dof not in DOFS:
                 raise InvalidInputError(
                     f"tolerances must be of dofs of {', '.join(DOFS)}, got {dof!r}."
@@ -123,7 +128,7 @@ class LoopSettings:
         for name, value in values.items():
             if value is None and name in optional:
                 continue
-            if not isinstance(value, int | float) or not 0 <= value < np.inf:
+            if not isinstance(value, Real) or not 0 <= float(value) < np.inf:
                 raise InvalidInputError(
                     f"{name} must be a finite number that is not negative, got {value!r}."
                 )

@@ -10,15 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.dataset import PoseImageSet
-from servoscope.errors import DataSetError, ServoscopeWarning
+from servoscope.errors import DataSetError, InvalidInputError, ServoscopeWarning
 from servoscope.poses import DISPLAY_FACTORS, DOFS, displacements_from_poses
 from servoscope.positioning.disturbances import Disturbances
-from servoscope.positioning.ladder import HeldOut, learn_levels
+from servoscope.positioning.keyframe_model import KeyframeModel, error_shares
+from servoscope.positioning.ladder import HeldOut, has_images_for_levels, learn_levels
 from servoscope.positioning.model import PositioningModel
 from servoscope.positioning.pose_networks import PoseNetworks
 from servoscope.processes import one_blas_thread
 
 Array = NDArray[np.float64]
+
+METHODS = ("auto", "keyframe", "levels")
 
 N_STAGES = 3
 """Stages of training that progress is told of: levels, networks, and what they reach."""
@@ -28,22 +31,27 @@ LEAST_GAIN = 0.8
 
 _OUTER = 0.3
 _MOST_CHECKED = 40
+_LEAST_OUTER = 10
 
 
 def train(
     data: PoseImageSet,
     *,
+    method: str = "auto",
     seed: int = 0,
     n_jobs: int | None = -1,
     on_progress: Callable[[int], object] | None = None,
-) -> PositioningModel:
-    """Learn to tell where images were taken.
+) -> PositioningModel | KeyframeModel:
+    """A model that reads where images were taken.
 
     Parameters
     ----------
     data : PoseImageSet
         Best taken in rings around the reference, see ``servoscope acquire --schedule``. Its poses
         may be the flange's: where the camera sits need not be known.
+    method : {"auto", "keyframe", "levels"}
+        Fit a keyframe, which takes 15 to 60 images, or learn levels and networks, which take
+        hundreds in rings; by default whatever the images are enough for, levels first.
     seed : int
         Draws the nets' starts, what is held out, and the disturbances.
     n_jobs : int, optional
@@ -53,7 +61,7 @@ def train(
 
     Returns
     -------
-    PositioningModel
+    PositioningModel or KeyframeModel
 
     Raises
     ------
@@ -71,9 +79,15 @@ def train(
             "Training for positioning needs images displaced along and about every axis, but "
             "some dofs never move in this data set; take images with all six displaced."
         )
-    tell = on_progress or (lambda _: None)
+    if method not in METHODS:
+        raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, got {method!r}.")
     reach, delta_p = data.ranges(), data.delta_p()
     p = delta_p / reach
+    if method == "keyframe" or (method == "auto" and not has_images_for_levels(p)):
+        keyframe = KeyframeModel.train(data, on_progress)
+        check_observable(keyframe.accuracy["error_shares"])
+        return keyframe
+    tell = on_progress or (lambda _: None)
     rng = np.random.default_rng([seed, len(data)])
     with one_blas_thread():
         levels, held_out = learn_levels(data.images, p, data.reference_image, rng)
@@ -103,7 +117,7 @@ def check_observable(error_shares: Mapping[str, float]) -> None:
     Parameters
     ----------
     error_shares : mapping of str to float
-        By dof: median absolute error of images held out, as a share of that of their mean.
+        By dof: RMS error of images held out, as a share of that of their mean.
 
     Raises
     ------
@@ -137,7 +151,8 @@ def _measure(model: PositioningModel, held_out: HeldOut) -> dict[str, Any]:
     """Median absolute error of one look, in mm and degrees, by how far away the camera is."""
     size = np.abs(held_out.p).max(axis=1)
     outer = np.flatnonzero(size > _OUTER)
-    error_shares = _error_shares(model, held_out.images[outer], held_out.p[outer])
+    outer = outer if len(outer) >= _LEAST_OUTER else np.arange(len(size))
+    shares = _error_shares(model, held_out.images[outer], held_out.p[outer])
     rings = []
     for level in model.levels:
         near = np.flatnonzero((size <= level.radius) & (size > level.radius / 2))[:_MOST_CHECKED]
@@ -154,16 +169,15 @@ def _measure(model: PositioningModel, held_out: HeldOut) -> dict[str, Any]:
         rings.append(ring)
     return {
         "rings": rings,
-        "error_shares": dict(zip(DOFS, error_shares.tolist(), strict=True)),
+        "error_shares": dict(zip(DOFS, shares.tolist(), strict=True)),
         "networks": model.networks.report(),
     }
 
 
 def _error_shares(model: PositioningModel, images: NDArray[np.uint8], p: Array) -> Array:
-    """Median absolute errors of first looks as shares of those of predicting the mean, (6,)."""
+    """RMS errors of first looks as shares of those of predicting the mean, (6,)."""
     truth = p * model.reach * DISPLAY_FACTORS
-    spread = np.median(np.abs(truth - truth.mean(axis=0)), axis=0)
-    return np.asarray(np.median(_errors(model, images, p), axis=0) / spread)
+    return error_shares(_errors(model, images, p), truth)
 
 
 def _errors(model: PositioningModel, images: NDArray[np.uint8], p: Array) -> Array:

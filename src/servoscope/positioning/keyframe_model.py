@@ -1,0 +1,213 @@
+"""A positioning model of twenty to sixty images: the reference view as a keyframe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.dataset import PoseImageSet
+from servoscope.errors import DataSetError, InvalidInputError
+from servoscope.features.shrinking import shrink
+from servoscope.keyframe import Alignment, Keyframe, held_out_looks
+from servoscope.poses import DISPLAY_FACTORS, DOFS
+from servoscope.positioning.interfaces import Array, Estimate, Image
+from servoscope.positioning.model_folder import Folder, write_model
+from servoscope.positioning.reference_view import SIZE, similarity
+
+KIND = "keyframe"
+"""What ``model.json`` calls a model of this kind."""
+
+LEAST_IMAGES = 15
+"""Images that a model needs, so that some can be held out."""
+
+_MOST_IMAGES = 90
+_FARTHEST = 1.5
+"""Shares of the reach beyond which nothing is read."""
+
+_ALIKE = 0.75
+_N_GROUPS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class KeyframeModel:
+    """Reads displacements by warping the reference image onto what is seen.
+
+    Parameters
+    ----------
+    keyframe : Keyframe
+    reach : ndarray of shape (6,)
+        Largest displacements about the pivot that it was fitted to, [m] and [rad].
+    trained_on : dict
+        Where its images come from, as plain JSON values.
+    accuracy : dict
+        What was found on images that were held out, as plain JSON values.
+    """
+
+    keyframe: Keyframe
+    reach: Array
+    trained_on: dict[str, Any] = field(default_factory=dict)
+    accuracy: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def image_shape(self) -> tuple[int, int]:
+        """Height and width of the images that it takes, [px]."""
+        height, width = self.reference_image.shape
+        return height, width
+
+    @property
+    def reference_image(self) -> Image:
+        """The view to bring the camera back to, uint8."""
+        return self.keyframe.reference_image
+
+    @property
+    def pivot(self) -> float:
+        """Distance along z of the point that displacements are taken about, [m]."""
+        return self.keyframe.pivot
+
+    @classmethod
+    def train(
+        cls, data: PoseImageSet, on_progress: Callable[[int], object] | None = None
+    ) -> KeyframeModel:
+        """A model from images spread over the range that is to be covered.
+
+        Parameters
+        ----------
+        data : PoseImageSet
+        on_progress : callable, optional
+            Called with the number of stages that are finished: 1 when images held out are read,
+            3 at the end.
+
+        Raises
+        ------
+        DataSetError
+            If there are too few images, or no keyframe explains them.
+        """
+        if len(data) < LEAST_IMAGES:
+            raise DataSetError(
+                f"A model needs at least {LEAST_IMAGES} images, got {len(data)}; take 40, spread "
+                "over the range that is to be covered."
+            )
+        tell = on_progress or (lambda _: None)
+        shown = np.unique(np.linspace(0, len(data) - 1, _MOST_IMAGES).astype(int))
+        images, poses = data.images[shown], data.T_world_cam[shown]
+        reference, groups = (data.reference_image, data.T_world_ref), _groups(data)[shown]
+        try:
+            looks = held_out_looks(images, poses, *reference, groups, pivot=data.pivot)
+            tell(1)
+            keyframe = Keyframe.fit(images, poses, *reference, pivot=data.pivot)
+            tell(3)
+        except InvalidInputError as error:
+            raise DataSetError(f"No keyframe can be fitted: {error}") from error
+        errors = np.abs(looks.errors)
+        accuracy = {
+            "error_shares": _by_dof(error_shares(errors, data.delta_p()[shown])),
+            "median": _by_dof(np.median(errors, axis=0) * DISPLAY_FACTORS),
+            "quantile_90": _by_dof(np.quantile(errors, 0.9, axis=0) * DISPLAY_FACTORS),
+            "within_2_std": float(np.mean(errors <= 2 * looks.std)),
+            "similarity": float(np.median(looks.similarity)),
+            "n_images": len(shown),
+            "residual": keyframe.residual,
+            "noise": keyframe.noise,
+            "observable": keyframe.observable,
+        }
+        return cls(keyframe, data.ranges(), dict(data.source), accuracy)
+
+    def estimate(self, image: Image, previous: Estimate | None = None) -> Estimate:
+        """Where an image was taken.
+
+        After a move the camera should be near the reference, where the search begins. If nothing
+        alike is found there, and at the start, displacements from all over the reach are tried.
+
+        Parameters
+        ----------
+        image : ndarray of shape (height, width), uint8
+        previous : Estimate, optional
+            Of the image before.
+
+        Returns
+        -------
+        Estimate
+        """
+        if previous is not None:
+            near = self._as_estimate(image, self.keyframe.align(image, np.eye(4)))
+            if near.similarity >= _ALIKE:
+                return near
+        return self._as_estimate(image, self.keyframe.align(image))
+
+    def _as_estimate(self, image: Image, found: Alignment) -> Estimate:
+        width = round(SIZE * min(1.0, image.shape[1] / max(image.shape)))
+        width = min(width, image.shape[1])
+        expected, known = self.keyframe.render(found.displacement, width)
+        seen = shrink(image, max(expected.shape))
+        return Estimate(
+            displacement=found.displacement,
+            std=found.std,
+            novelty=float(np.max(np.abs(found.delta_p) / (_FARTHEST * self.reach))),
+            stage="keyframe",
+            similarity=similarity(seen, expected.astype(np.float32), known.astype(np.float32)),
+        )
+
+    def save(self, folder: Folder, *, force: bool = False) -> None:
+        """Write the model to a folder of its own, whole or not at all.
+
+        Raises
+        ------
+        FolderExistsError
+            If the folder holds something, unless it is a model and `force` is set.
+        """
+        header = {
+            "kind": KIND,
+            "image_size": list(self.image_shape),
+            "pivot": self.pivot,
+            "reach": self.reach.tolist(),
+            "trained_on": self.trained_on,
+            "accuracy": self.accuracy,
+        }
+        write_model(folder, header, self.keyframe.to_arrays(), force=force)
+
+    @classmethod
+    def restore(
+        cls, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
+    ) -> KeyframeModel:
+        """The model of a header and arrays.
+
+        Raises
+        ------
+        ValueError, KeyError, TypeError
+            If they are not those of a model of this kind.
+        """
+        keyframe, reach = Keyframe.from_arrays(arrays), np.array(header["reach"], dtype=float)
+        if list(keyframe.reference_image.shape) != list(header["image_size"]):
+            raise ValueError("its reference image is not of its image size")
+        if reach.shape != (6,) or not (np.isfinite(reach) & (reach > 0)).all():
+            raise ValueError("its reach is not six positive numbers")
+        return cls(keyframe, reach, dict(header["trained_on"]), dict(header["accuracy"]))
+
+
+def error_shares(errors: Array, truth: Array) -> Array:
+    """RMS errors, (n, 6), as shares of those of predicting the mean of the truth, (6,)."""
+    spread = np.maximum(truth.std(axis=0), 1e-12)
+    return np.asarray(np.sqrt(np.mean(errors**2, axis=0)) / spread)
+
+
+def _groups(data: PoseImageSet) -> NDArray[np.intp]:
+    """Groups to hold out: blocks of a sequence, or images that are as far away."""
+    n = len(data)
+    if data.split == "blocks":
+        order = np.arange(n) if data.times is None else np.argsort(data.times, kind="stable")
+        groups = np.empty(n, dtype=np.intp)
+        groups[order] = np.arange(n) * _N_GROUPS // n
+        return groups
+    delta_p, reach = data.delta_p(), data.ranges()
+    places = np.unique(
+        np.round(delta_p / np.maximum(1e-3 * reach, 1e-9)), axis=0, return_inverse=True
+    )
+    return np.asarray(places[1].ravel() % _N_GROUPS, dtype=np.intp)
+
+
+def _by_dof(values: Array) -> dict[str, float]:
+    return dict(zip(DOFS, map(float, values), strict=True))

@@ -1,0 +1,101 @@
+"""Thirty images of the widest range make a model that brings the camera back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planar import PIVOT, RANGES, planar_images
+from planar_cell import SIZE, T_WORLD_REF, Cell
+from planar_model import T_FLANGE_CAM, FlangeCell
+from servoscope.dataset import PoseImageSet
+from servoscope.errors import DataSetError, ModelError
+from servoscope.poses import pose_error
+from servoscope.positioning import KeyframeModel, Positioner, PositioningModel, train
+from servoscope.positioning.model_folder import read_model, write_model
+
+N_IMAGES = 30
+
+
+def draw(n: int, seed: int, share: float = 1.0) -> np.ndarray:
+    return share * np.random.default_rng(seed).uniform(-1, 1, (n, 6)) * RANGES
+
+
+@pytest.fixture(scope="module")
+def data() -> PoseImageSet:
+    """Images with the poses of a flange, whose mount nothing is said of."""
+    cells = [FlangeCell(p, noise=1.0) for p in 0.6 * draw(N_IMAGES, 0)]
+    return PoseImageSet(
+        np.stack([cell.read() for cell in cells]),
+        np.stack([cell.pose for cell in cells]),
+        FlangeCell.T_WORLD_REF,
+        FlangeCell(np.zeros(6)).read(),
+        pivot=PIVOT,
+    )
+
+
+@pytest.fixture(scope="module")
+def model(data) -> KeyframeModel:
+    return train(data)
+
+
+@pytest.mark.slow
+def test_few_images_make_a_keyframe_that_reads_those_held_out(model) -> None:
+    assert isinstance(model, KeyframeModel)
+    assert max(model.accuracy["error_shares"].values()) < 0.2
+    assert model.accuracy["n_images"] == N_IMAGES
+
+
+@pytest.mark.slow
+def test_the_camera_arrives_from_the_range_with_its_mount_unknown(model) -> None:
+    for p in 0.6 * draw(8, 7):
+        cell = FlangeCell(p, noise=1.0)
+        result = Positioner(model).run(cell, cell)
+        distance, angle = pose_error(T_WORLD_REF, cell.pose @ T_FLANGE_CAM)
+        assert result.status == "converged", result.message
+        assert distance < 1e-3
+        assert angle < np.radians(0.1)
+        assert result.moves <= 6
+
+
+@pytest.mark.slow
+def test_another_part_is_refused_before_a_move_is_made(model) -> None:
+    for seed in range(20, 32):
+        cell = Cell(0.3 * RANGES)
+        foreign = planar_images(draw(1, seed, 0.5), SIZE, seed)[0]
+        cell.read = lambda foreign=foreign: foreign
+        result = Positioner(model).run(cell, cell)
+        assert (result.status, result.moves) == ("abstained", 0)
+
+
+@pytest.mark.slow
+def test_a_saved_model_reads_the_same(model, tmp_path) -> None:
+    model.save(tmp_path / "model")
+    loaded = PositioningModel.load(tmp_path / "model")
+    image = FlangeCell(0.3 * RANGES, noise=1.0).read()
+    one, other = model.estimate(image), loaded.estimate(image)
+    np.testing.assert_array_equal(one.displacement, other.displacement)
+    np.testing.assert_array_equal(one.std, other.std)
+    header, arrays = read_model(tmp_path / "model")
+    for broken in ({**header, "reach": [1.0]}, {**header, "image_size": [3, 3]}):
+        write_model(tmp_path / "model", broken, arrays, force=True)
+        with pytest.raises(ModelError):
+            PositioningModel.load(tmp_path / "model")
+    del arrays["mount"]
+    write_model(tmp_path / "model", header, arrays, force=True)
+    with pytest.raises(ModelError):
+        PositioningModel.load(tmp_path / "model")
+
+
+@pytest.mark.slow
+def test_images_of_other_poses_are_refused(data) -> None:
+    shuffled = np.random.default_rng(0).permutation(N_IMAGES)
+    with pytest.raises(DataSetError, match="no robot may be moved"):
+        train(replace(data, images=data.images[shuffled]))
+
+
+def test_too_few_images_are_refused_in_words_that_hold_without_the_simulator(data) -> None:
+    few = replace(data, images=data.images[:9], T_world_cam=data.T_world_cam[:9], names=())
+    with pytest.raises(DataSetError, match="at least 15 images, got 9") as caught:
+        train(few)
+    assert "schedule" not in str(caught.value)
