@@ -1,4 +1,6 @@
+import sys
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -70,6 +72,19 @@ def test_held_out_images_are_read_without_a_first_guess(keyframe, held_out):
     assert np.median(distance) < 0.5
     assert np.median(angle) < 0.05
     assert np.count_nonzero((distance < 3) & (angle < 0.5)) >= 11
+
+
+def test_threads_that_share_a_keyframe_read_what_one_reads(keyframe, held_out):
+    images, displacements = held_out
+    alone = [keyframe.align(i, D).delta_p for i, D in zip(images, displacements, strict=True)]
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            found = list(pool.map(keyframe.align, images, displacements))
+    finally:
+        sys.setswitchinterval(interval)
+    np.testing.assert_array_equal([f.delta_p for f in found], alone)
 
 
 def test_one_look_at_the_reference_reads_nothing(keyframe):
@@ -219,6 +234,13 @@ def test_an_image_without_any_detail_breaks_nothing_and_is_not_similar(keyframe)
         ({"pose_noise": (-1.0, 0.1)}, "pose_noise"),
         ({"mount": np.zeros((4, 4))}, "mount must"),
         ({"pivot": np.inf}, "pivot"),
+        ({"pivot": "far"}, "pivot must be a finite distance"),
+        ({"distance": None}, "distance must be positive"),
+        ({"pose_noise": 1e-3}, "pose_noise must be two"),
+        ({"pose_noise": ("a", "b")}, "pose_noise must be an array of numbers"),
+        ({"T_world_cam": "poses"}, "T_world_cam must be an array of numbers"),
+        ({"T_world_ref": [[1.0, 0.0], [0.0]]}, "T_world_ref must be an array of numbers"),
+        ({"mount": 1j * np.eye(4)}, "mount must be an array of numbers"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(change, message):

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from servoscope.arrays import as_numbers
 from servoscope.errors import InvalidInputError
 from servoscope.poses import is_rigid
 
@@ -52,7 +54,7 @@ def check_images(images: NDArray[np.uint8], reference_image: NDArray[np.uint8]) 
 
 def rigid(name: str, T: ArrayLike, shape: tuple[int, ...] = (4, 4)) -> Array:
     """T as an array, if it holds rigid transforms of that shape."""
-    array = np.asarray(T, dtype=float)
+    array = as_numbers(T, name)
     if array.shape != shape or not np.isfinite(array).all() or not is_rigid(array):
         raise InvalidInputError(
             f"{name} must hold rigid transforms of shape {shape}, in metres, got "
@@ -63,11 +65,12 @@ def rigid(name: str, T: ArrayLike, shape: tuple[int, ...] = (4, 4)) -> Array:
 
 def check_numbers(pivot: float, distance: float, pose_noise: tuple[float, float]) -> None:
     """Raise InvalidInputError unless the numbers are in their ranges."""
-    if not np.isfinite(pivot):
+    if not _is_number(pivot) or not np.isfinite(pivot):
         raise InvalidInputError(f"pivot must be a finite distance in metres, got {pivot}.")
-    if not 0 < distance < np.inf:
+    if not _is_number(distance) or not 0 < distance < np.inf:
         raise InvalidInputError(f"distance must be positive, in metres, got {distance}.")
-    if len(pose_noise) != 2 or not all(0 < s < np.inf for s in pose_noise):
+    deviations = as_numbers(pose_noise, "pose_noise")
+    if deviations.shape != (2,) or not all(0 < s < np.inf for s in deviations):
         raise InvalidInputError(
             f"pose_noise must be two positive deviations, in metres and radians, got {pose_noise}."
         )
@@ -75,9 +78,13 @@ def check_numbers(pivot: float, distance: float, pose_noise: tuple[float, float]
 
 def checked_noise(noise: float) -> float:
     """The noise, if it is a deviation of grey levels."""
-    if not noise > 0:
+    if not _is_number(noise) or not noise > 0:
         raise InvalidInputError(f"noise must be positive, in grey levels, got {noise}.")
     return noise
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, Real)
 
 
 def check_names(names: list[str], arrays: Mapping[str, Any]) -> None:

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from threadpoolctl import threadpool_limits
 
 from servoscope.keyframe.alignment import Aligner, Alignment
 from servoscope.keyframe.camera import CameraModel
@@ -31,6 +30,7 @@ from servoscope.keyframe.state import Priors, observable
 from servoscope.keyframe.views import View
 from servoscope.keyframe.warping import LIGHT, MOTION
 from servoscope.poses import displacements_from_poses, inverse_transform
+from servoscope.processes import one_blas_thread
 
 Array = NDArray[np.float64]
 
@@ -159,7 +159,7 @@ class Keyframe:
         if camera is not None:
             priors = replace(priors, camera=(0.0,) * 5)
         chosen = chosen_images(displacements, distance)
-        with threadpool_limits(1):
+        with one_blas_thread():
             solution = fit_state(
                 images[chosen], displacements[chosen], reference_image, known, priors
             )
@@ -218,7 +218,7 @@ class Keyframe:
             As large as the reference image.
         start : array of shape (4, 4), optional
             A first guess of the displacement. Without it the displacements of the fitted images
-            are tried. Not to be called by several threads at once.
+            are tried.
 
         Returns
         -------
@@ -256,7 +256,7 @@ class Keyframe:
         return render_view(view, self.camera, self.inverse_depth, T)
 
     def limit(self, noise: float | None = None) -> ViewLimit:
-        """What one look at the reference can tell at best, from its interaction matrix.
+        """How accurate one look at the reference can be at best, from its interaction matrix.
 
         Parameters
         ----------

@@ -108,7 +108,7 @@ class Level:
         if most < taken.size:
             slope = np.linalg.norm(view.texture[:, :2], axis=1).reshape(view.shape)
             taken &= slope >= np.quantile(slope, 1 - most / taken.size)
-        elif finest:  # neighbours are alike: every other pixel tells nearly as much
+        elif finest:  # neighbours are alike: every other pixel is nearly as informative
             taken &= (rows + columns) % 2 == 0
         self.used = np.flatnonzero(taken)
         rays, by_camera = camera.rays(view.points[self.used])
@@ -120,8 +120,6 @@ class Level:
         self._grey = view.grey.ravel()[self.used]
         self._trust = trust.ravel()[self.used].astype(np.float32)
         self._values = camera.values
-        self._by_depth, self._residuals = np.empty_like(self._grey), np.empty_like(self._grey)
-        self._jacobian = np.empty((len(self.used), N_ALIGNED), np.float32)
         height, width = view.shape
         blocks = rows * N_BLOCKS // height * N_BLOCKS + columns * N_BLOCKS // width
         self.blocks = blocks.ravel()[self.used]
@@ -133,15 +131,13 @@ class Level:
         )
 
     def linearise(self, image: Floats, guess: Guess) -> tuple[Floats, Floats, Floats, float]:
-        """Derivatives (n, 14), residuals, robust inverse variances, and the residuals' scale.
-
-        The arrays are written over by the next call.
-        """
-        jacobian, residuals = self._jacobian, self._residuals
+        """Derivatives (n, 14), residuals, robust inverse variances, and the residuals' scale."""
+        jacobian = np.empty((len(self.used), N_ALIGNED), np.float32)
+        by_depth, residuals = np.empty_like(self._grey), np.empty_like(self._grey)
         linearise(
             image, guess.T, self._values, self.view.aspect, self._xy, self._rays, self._by_camera,
             self._depth, self._grey, self._texture,
-            self._finest, guess.light, jacobian, self._by_depth, residuals,
+            self._finest, guess.light, jacobian, by_depth, residuals,
         )  # fmt: skip
         seen = residuals > UNSEEN
         scale = robust_scale(residuals)

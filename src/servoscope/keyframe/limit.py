@@ -1,4 +1,4 @@
-"""The limit of the view: what one look at the reference can tell at best."""
+"""The limit of the view: how accurate one look at the reference can be at best."""
 
 from __future__ import annotations
 
