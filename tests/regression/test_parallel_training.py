@@ -89,3 +89,21 @@ def test_bad_samples_are_refused(samples):
         train_networks(X, Y, _jobs(), np.arange(0), VALIDATION)
     with pytest.raises(InvalidInputError, match="The rows that train"):
         train_networks(X, Y, _jobs(), np.array([200]), VALIDATION)
+    with pytest.raises(InvalidInputError, match="The rows that train"):
+        train_networks(X, Y, _jobs(), TRAIN < 5, VALIDATION)
+
+
+@pytest.mark.parametrize("validation", [VALIDATION, None])
+def test_at_least_two_rows_train(samples, validation):
+    with pytest.raises(InvalidInputError, match="At least two rows must train, got 1"):
+        train_networks(*samples, _jobs(), [0], validation)
+    assert len(list(train_networks(*samples, _jobs(), [0, 1], validation, regressor=QUICK))) == 6
+
+
+@pytest.mark.parametrize("factor", [1e200, 1e-200])
+def test_values_whose_squares_are_no_numbers_are_refused(samples, factor):
+    X, Y = samples
+    with pytest.raises(InvalidInputError, match="X must be at most"):
+        train_networks(factor * X, Y, _jobs(), TRAIN, VALIDATION)
+    with pytest.raises(InvalidInputError, match="Y must be at most"):
+        train_networks(X, factor * Y, _jobs(), TRAIN, VALIDATION)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from servoscope.arrays import as_numbers
+from servoscope.arrays import as_numbers, check_scale
 from servoscope.errors import InvalidInputError
 from servoscope.processes import in_processes
 from servoscope.regression.samples import Samples, Shots, group_shots, least_deviation
@@ -80,7 +80,8 @@ def train_networks(
     Raises
     ------
     InvalidInputError
-        If the arrays disagree, hold NaN or infinity, or a job names a column they do not have.
+        If the arrays disagree, hold NaN or infinity or values beyond 1e30, a job names a column
+        they do not have, or less than two rows train.
 
     Examples
     --------
@@ -95,6 +96,8 @@ def train_networks(
     samples = _check_samples(X, Y, jobs)
     held_out = None if validation is None else _check_rows(validation, len(samples[0]))
     rows = _check_rows(train, len(samples[0]))
+    if len(rows) < 2:
+        raise InvalidInputError(f"At least two rows must train, got {len(rows)}.")
     samples, parts = _by_poses(samples, rows, held_out, poses)
     template = LMRegressor() if regressor is None else regressor
     options = [template.training_options(job.seed) for job in jobs]
@@ -167,9 +170,17 @@ def _check_samples(X: ArrayLike, Y: ArrayLike, jobs: Sequence[NetworkJob]) -> tu
         )
     if not (np.isfinite(X).all() and np.isfinite(Y).all()):
         raise InvalidInputError("X and Y must be finite, but hold NaN or infinity.")
+    if X.size and Y.size:
+        check_scale(X, "X")
+        check_scale(Y, "Y")
     for job in jobs:
         columns = np.asarray(job.columns)
-        if not columns.size or columns.max() >= X.shape[1] or columns.min() < 0:
+        if (
+            columns.dtype.kind not in "iu"
+            or not columns.size
+            or columns.max() >= X.shape[1]
+            or columns.min() < 0
+        ):
             raise InvalidInputError(
                 f"A job must name columns from 0 to {X.shape[1] - 1}, got {columns.tolist()}."
             )
@@ -180,9 +191,15 @@ def _check_samples(X: ArrayLike, Y: ArrayLike, jobs: Sequence[NetworkJob]) -> tu
     return X, Y
 
 
+def _are_places(indices: NDArray[Any], n: int) -> bool:
+    """Whether there are any, all from 0 to n - 1."""
+    is_any = indices.dtype.kind in "iu" and indices.size > 0
+    return is_any and 0 <= indices.min() <= indices.max() < n
+
+
 def _check_rows(rows: ArrayLike, n_samples: int) -> NDArray[np.intp]:
     rows = np.asarray(rows)
-    if not rows.size or rows.max() >= n_samples or rows.min() < 0:
+    if not _are_places(rows, n_samples):
         raise InvalidInputError(
             f"The rows that train and stop the training must be from 0 to {n_samples - 1}, at "
             f"least one of each, got {rows.size} rows."
