@@ -2,6 +2,7 @@ import dataclasses
 import json
 import os
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -187,6 +188,27 @@ def test_removing_a_set_leaves_other_files(folder):
     (folder / "notes.txt").write_text("mine")
     dataset_folder.remove(folder)
     assert [p.name for p in folder.iterdir()] == ["notes.txt"]
+
+
+def test_a_replacement_that_was_interrupted_is_completed_by_who_reads(folder, monkeypatch):
+    rename, renamed = Path.rename, []
+
+    def rename_twice(path, target):
+        if len(renamed) == 2:
+            raise KeyboardInterrupt
+        renamed.append(path)
+        return rename(path, target)
+
+    def replace():
+        with dataset_folder.writing(folder, replace=True) as place:
+            make(3).save(place)
+            monkeypatch.setattr(Path, "rename", rename_twice)
+
+    with pytest.raises(KeyboardInterrupt):
+        replace()
+    monkeypatch.undo()
+    assert not (folder / "meta.json").exists()
+    assert len(PoseImageSet.load(folder)) == 3
 
 
 # Damaged folders

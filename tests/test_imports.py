@@ -14,9 +14,9 @@ FILES = sorted(SOURCE.rglob("*.py"))
 
 # From left to right: a module imports from rooms to its left, or from its own.
 ROOMS = (
-    ("errors",),
+    ("errors", "wording"),
     ("storage",),
-    ("files", "processes", "progress", "compiled", "wording", "arrays"),
+    ("files", "processes", "progress", "compiled", "arrays"),
     ("poses",),
     ("dataset_progress",),
     ("dataset_folder",),

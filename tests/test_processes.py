@@ -103,6 +103,24 @@ def test_a_killed_process_is_one_sentence_and_others_can_be_started():
     assert os.getpid() not in in_processes(end_process, [(False,)] * 4, n_jobs=2)
 
 
+def fail_to_unpack() -> None:
+    raise ValueError("not here")
+
+
+class Unpackable:
+    """What a process cannot take."""
+
+    def __reduce__(self) -> tuple[object, tuple[()]]:
+        return fail_to_unpack, ()
+
+
+def test_arguments_that_a_process_cannot_take_are_not_said_to_be_a_want_of_memory():
+    with pytest.raises(ProcessesError, match=r"^Processes failed \(.*un-serialize.*--jobs 1") as e:
+        list(in_processes(str, [(Unpackable(),)] * 4, n_jobs=2))
+    assert "memory" not in str(e.value)
+    assert "\n" not in str(e.value)
+
+
 WITHOUT_SEMAPHORES = """
 import _multiprocessing, errno
 

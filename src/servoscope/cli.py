@@ -25,12 +25,13 @@ from servoscope.commands.streams import discard_unwritten, prepare_streams
 from servoscope.errors import ServoscopeError
 from servoscope.processes import stop_processes
 from servoscope.storage.shared_folder import remove_abandoned
-from servoscope.wording import printable
+from servoscope.wording import one_line, printable
 
 DESCRIPTION = """Vision-based robot positioning: which image features tell about which degree of
 freedom, and how accurately. Begin with: servoscope study. Every command also takes --debug, which
 shows where an error came from; --version tells the version."""
 
+_LONGEST_MESSAGE = 2000
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 
 
@@ -75,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         if debug:
             print(printable(traceback.format_exc()), end="", file=sys.stderr)
-        code = _fail(_one_line(error), 1)
+        code = _fail(_reason(error), 1)
         discard_unwritten()
         return code
     return 0
@@ -145,8 +146,9 @@ def _app() -> SubcommandApp:
     return app
 
 
-def _one_line(error: Exception) -> str:
-    message = " ".join(str(error).split())
+def _reason(error: Exception) -> str:
+    """Why a command failed, on one line."""
+    message = one_line(error, _LONGEST_MESSAGE)
     if isinstance(error, ServoscopeError):
         return message
     if isinstance(error, MemoryError):

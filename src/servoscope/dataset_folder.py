@@ -31,7 +31,11 @@ from servoscope.files import remove_parts, write_atomically, write_json, write_t
 from servoscope.poses import poses_from_quaternions, quaternions_xyzw
 from servoscope.storage.ownership import owned
 from servoscope.storage.reading import read_grey_png, read_json, read_lines
-from servoscope.storage.replacing import complete_replacement, replacing
+from servoscope.storage.replacing import (
+    complete_interrupted,
+    complete_replacement,
+    replacing,
+)
 from servoscope.storage.stacks import create_stack, read_stack, read_stack_shape, write_stack
 
 VERSION = 1
@@ -102,7 +106,7 @@ def writing(folder: Folder, *, replace: bool = False, resumable: bool = False) -
 def remove(folder: Folder) -> None:
     """Remove the data set from the folder, and nothing else that may be in it.
 
-    What tells that there is one goes last, so that an interrupted removal can be repeated.
+    What shows that there is one goes last, so that an interrupted removal can be repeated.
     """
     path = Path(folder)
     if not is_data_set(path):
@@ -158,16 +162,20 @@ def finish(
 
 
 def read_meta(folder: Folder) -> dict[str, Any]:
-    """The content of ``meta.json``.
+    """The content of ``meta.json``; a replacement that was interrupted is completed first.
 
     Raises
     ------
     DataSetError
         If the folder is missing, unfinished or of another version.
+    FolderInUseError
+        If the data set is being replaced, or the replacement cannot be completed.
     """
     path = Path(folder)
     if not path.is_dir():
         raise DataSetError(f"{path} is not a folder; name a data set folder.")
+    if not is_finished(path):
+        complete_interrupted(path, _REPLACED)
     progress = read_progress(path)
     if not (path / "meta.json").exists():
         if progress is not None:

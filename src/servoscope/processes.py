@@ -18,6 +18,7 @@ from threadpoolctl import ThreadpoolController
 
 from servoscope.errors import ProcessesError, ServoscopeWarning
 from servoscope.storage.shared_folder import shared_folder
+from servoscope.wording import one_line
 
 with warnings.catch_warnings():
     warnings.filterwarnings("ignore", message=".*joblib will operate in serial mode")
@@ -51,7 +52,7 @@ def in_processes(
     Raises
     ------
     ProcessesError
-        If the processes cannot be started, or one of them is killed.
+        If the processes cannot be started, or one of them is killed or cannot take its arguments.
 
     Examples
     --------
@@ -62,7 +63,7 @@ def in_processes(
     if n_processes == 1:
         return (function(*call) for call in calls)
     with (
-        _failures_told(),
+        _failures_reported(),
         joblib.parallel_config(
             "loky",
             n_jobs=n_processes,
@@ -74,7 +75,7 @@ def in_processes(
         options |= {"return_as": "generator", "temp_folder": _start_processes(n_processes, options)}
         parallel = joblib.Parallel(**options)
         results = parallel(joblib.delayed(function)(*call) for call in calls)
-    return _told(results)
+    return _with_failures_reported(results)
 
 
 def stop_processes() -> None:
@@ -154,17 +155,23 @@ def _start_processes(n_processes: int, options: dict[str, Any]) -> str:
         ) from error
 
 
-def _told(results: Iterator[Any]) -> Iterator[Any]:
-    with _failures_told():
+def _with_failures_reported(results: Iterator[Any]) -> Iterator[Any]:
+    with _failures_reported():
         yield from results
 
 
 @contextmanager
-def _failures_told() -> Iterator[None]:
-    """Say in a sentence that a process was killed."""
+def _failures_reported() -> Iterator[None]:
+    """Say in a sentence that a process was killed, or why it failed."""
     try:
         yield
     except BrokenProcessPool as error:
+        from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+        if not isinstance(error, TerminatedWorkerError):
+            raise ProcessesError(
+                f"Processes failed ({one_line(error).rstrip('.')}); repeat with --jobs 1."
+            ) from error
         raise ProcessesError(
             "A process was killed, most likely because memory ran out; repeat the command with "
             "fewer processes, such as --jobs 1, a run with --resume."

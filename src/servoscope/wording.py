@@ -18,6 +18,24 @@ def listing(words: Sequence[str]) -> str:
     return f"{', '.join(words[:-1])} and {words[-1]}"
 
 
+def one_line(value: object, longest: int = 300) -> str:
+    r"""A value, or the message of an exception, on one line that any terminal can show.
+
+    An exception without a message, or whose message cannot be had, is named by its kind.
+
+    Examples
+    --------
+    >>> one_line("two\n lines\x1b[2J"), one_line(ValueError()), one_line("cut short", longest=8)
+    ('two lines?[2J', 'ValueError', 'cut s...')
+    """
+    try:
+        text = str(value)
+    except BaseException:
+        text = ""
+    text = printable(" ".join(text.split())) or type(value).__name__
+    return text if len(text) <= longest else text[: longest - 3] + "..."
+
+
 def printable(text: str) -> str:
     r"""A text with a question mark for each character that a terminal would take for a command.
 

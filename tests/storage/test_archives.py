@@ -1,4 +1,5 @@
 import io
+import struct
 import zipfile
 
 import numpy as np
@@ -68,6 +69,31 @@ def test_objects_are_refused(tmp_path):
 def test_members_are_counted_before_they_are_listed(tmp_path):
     members = {f"{i}.npy": b"" for i in range(MOST_MEMBERS + 1)}
     refused(archive(tmp_path / "a.npz", members), f"has {MOST_MEMBERS + 1} members")
+
+
+def with_end(path, change):
+    """An archive of many members whose end record is changed."""
+    archive(path, {f"{i}.npy": b"" for i in range(100)})
+    content = path.read_bytes()
+    path.write_bytes(content[:-22] + change(content[-22:]))
+    return path
+
+
+def declaring(n_members):
+    count = struct.pack("<HH", n_members, n_members)
+    return lambda end: end[:8] + count + end[12:]
+
+
+def test_more_members_than_are_declared_are_not_listed(tmp_path, monkeypatch):
+    monkeypatch.setattr(zipfile.ZipFile, "_RealGetContents", pytest.fail)
+    refused(with_end(tmp_path / "a.npz", declaring(1)), "lists 1 members in [0-9]+ bytes")
+    refused(with_end(tmp_path / "a.npz", declaring(0)), "lists 0 members in [0-9]+ bytes")
+
+
+def test_a_second_end_record_that_zipfile_would_follow_is_refused(tmp_path):
+    locator = b"PK\6\7" + bytes(16)
+    refused(with_end(tmp_path / "a.npz", lambda end: locator + end), "no archive of arrays")
+    refused(with_end(tmp_path / "b.npz", lambda end: end[:-2] + b"\1\0"), "no archive of arrays")
 
 
 @pytest.mark.parametrize("content", [b"", b"PK", b"PK\5\6" + bytes(18), b"x" * 100])

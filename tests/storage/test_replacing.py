@@ -4,7 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from servoscope.storage.replacing import NEW, complete_replacement, replacing
+from servoscope.errors import FolderInUseError
+from servoscope.storage.ownership import owned
+from servoscope.storage.replacing import (
+    NEW,
+    complete_interrupted,
+    complete_replacement,
+    replacing,
+)
 
 PARTS = ("seal", "array", "table", "gone", "more")
 
@@ -63,9 +70,8 @@ def test_what_was_made_is_gone_on_with_if_it_is_kept(folder):
     assert read(folder) == REPLACED
 
 
-@pytest.mark.parametrize("n_renamed", range(12))
-def test_a_process_that_ends_while_parts_are_renamed_loses_nothing(folder, monkeypatch, n_renamed):
-    """The first rename decides: before it all is old, after it all becomes new."""
+def end_after(n_renamed: int, folder: Path, monkeypatch: pytest.MonkeyPatch) -> bool:
+    """Replace, but end after some renames; whether there were more to do."""
     rename, left = Path.rename, n_renamed
 
     def rename_or_end(self: Path, target: Path) -> Path:
@@ -80,10 +86,45 @@ def test_a_process_that_ends_while_parts_are_renamed_loses_nothing(folder, monke
         try:
             replace(folder)
         except KeyboardInterrupt:
-            mixed = {"old", "new"} <= set(read_parts(folder).values())
-            assert not (mixed and (folder / "seal").exists())
+            return True
+    return False
+
+
+@pytest.mark.parametrize("n_renamed", range(12))
+def test_a_process_that_ends_while_parts_are_renamed_loses_nothing(folder, monkeypatch, n_renamed):
+    """The first rename decides: before it all is old, after it all becomes new."""
+    if end_after(n_renamed, folder, monkeypatch):
+        mixed = {"old", "new"} <= set(read_parts(folder).values())
+        assert not (mixed and (folder / "seal").exists())
     complete_replacement(folder, PARTS)
     assert read(folder) == (REPLACED if n_renamed else OLD)
+
+
+def test_who_reads_completes_what_was_interrupted_unless_it_goes_on(folder, monkeypatch):
+    complete_interrupted(folder, PARTS)
+    assert read(folder) == OLD
+    assert end_after(3, folder, monkeypatch)
+    with owned(folder), pytest.raises(FolderInUseError, match="another command; wait"):
+        complete_interrupted(folder, PARTS)
+    complete_interrupted(folder, PARTS)
+    assert read(folder) == REPLACED
+
+
+def test_what_cannot_be_completed_is_said_in_a_line(folder, monkeypatch):
+    assert end_after(3, folder, monkeypatch)
+
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied", "x")
+
+    monkeypatch.setattr("servoscope.storage.ownership.os.open", refuse)
+    with pytest.raises(FolderInUseError, match=r"\(Permission denied\); make it writable"):
+        complete_interrupted(folder, PARTS)
+
+
+def test_a_failed_block_waits_for_nobody_that_is_gone(folder, monkeypatch):
+    monkeypatch.setattr("servoscope.storage.replacing.time.sleep", pytest.fail)
+    with pytest.raises(ValueError, match="wrong"):
+        fail(folder, ValueError("wrong"))
 
 
 def read_parts(folder: Path) -> dict[str, str]:

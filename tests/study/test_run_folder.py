@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 
 import pytest
 
@@ -190,6 +191,36 @@ def test_what_a_killed_write_left_does_not_stand_in_the_way(tmp_path):
     (tmp_path / ".config.json.123.part").write_text("{")
     open_run_folder(tmp_path, {"seed": 0})
     assert [p.name for p in tmp_path.iterdir()] == ["config.json"]
+
+
+def test_lost_arrays_get_one_piece_of_advice(tmp_path):
+    with pytest.raises(RunFolderError) as caught:
+        read_arrays(tmp_path / "features.npz", ["names"])
+    path = tmp_path / "features.npz"
+    assert str(caught.value) == (
+        f"features.npz is damaged: {path} is missing; make the run again with --force."
+    )
+
+
+def test_a_replacement_that_was_interrupted_is_completed_by_who_reads(tmp_path, monkeypatch):
+    open_run_folder(tmp_path / "run", {"seed": 0})
+    rename = Path.rename
+
+    def rename_until_the_new_enters(path, target):
+        if path.name == ".servoscope-whole":
+            raise KeyboardInterrupt
+        return rename(path, target)
+
+    def replace():
+        with owned_run_folder(tmp_path / "run", {"seed": 1}, force=True):
+            monkeypatch.setattr(Path, "rename", rename_until_the_new_enters)
+
+    with pytest.raises(KeyboardInterrupt):
+        replace()
+    monkeypatch.undo()
+    assert not (tmp_path / "run" / "config.json").exists()
+    assert is_run(tmp_path / "run")
+    assert read_settings(tmp_path / "run") == {"seed": 1}
 
 
 def test_damaged_arrays_are_named(tmp_path):

@@ -12,7 +12,9 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.table import Table
 
-from servoscope.wording import printable
+from servoscope.wording import one_line, printable
+
+_LONGEST_MESSAGE = 10_000
 
 
 class SafeConsole(Console):
@@ -51,7 +53,7 @@ def print_facts(facts: Mapping[str, Any], *, as_json: bool = False) -> None:
 
 def print_message(message: str) -> None:
     """Print a line on standard error."""
-    print(printable(" ".join(message.split())), file=sys.stderr)
+    print(one_line(message, _LONGEST_MESSAGE), file=sys.stderr)
 
 
 def _shown(value: Any) -> str:

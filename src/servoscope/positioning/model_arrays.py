@@ -1,7 +1,7 @@
 """The arrays of a model in one ``.npz``, and the table that they are checked against.
 
 Nothing is taken from the file before it agrees with the table. Arrays are stored uncompressed, so
-that reading takes no more memory than the file has bytes.
+that nothing unpacks to more than the file has bytes.
 """
 
 from __future__ import annotations

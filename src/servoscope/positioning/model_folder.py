@@ -1,6 +1,6 @@
 """The folder of a trained model: ``model.json`` and ``arrays.npz``, whatever the model is.
 
-``model.json`` tells the version, who wrote it, the header, a table of the arrays with check sums,
+``model.json`` holds the version, who wrote it, the header, a table of the arrays with check sums,
 and a check sum of its own. Folders may come from anybody: nothing in them is run, and nothing is
 believed that does not agree with the rest.
 """
@@ -32,6 +32,7 @@ from servoscope.positioning.model_arrays import (
     write_arrays,
 )
 from servoscope.storage.reading import parse_json, read_bytes
+from servoscope.wording import one_line
 
 VERSION = 1
 FORMAT = "servoscope model"
@@ -268,7 +269,6 @@ def _check_content(values: dict[str, Any]) -> None:
 
 
 def _refuse(path: Path, error: Exception) -> NoReturn:
-    reason = " ".join(str(error).split())[:300] or type(error).__name__
     raise ModelError(
-        f"{path} cannot be read ({reason}); copy the model anew, or train it again."
+        f"{path} cannot be read ({one_line(error)}); copy the model anew, or train it again."
     ) from error

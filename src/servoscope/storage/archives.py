@@ -1,6 +1,6 @@
 """Archives of arrays, ``.npz``, that come from anybody.
 
-They are written uncompressed, so that reading one takes no more memory than the file has bytes.
+They are written uncompressed, so that no array unpacks to more than the file has bytes.
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ import math
 import os
 import struct
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from reprlib import repr as brief
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,11 @@ from servoscope.storage.reading import check_regular, open_without_waiting, word
 
 MOST_MEMBERS = 10_000
 """Most arrays in an archive."""
+
+MOST_LISTED = 1024
+"""Most bytes that the list at the end of an archive has for each member, on the average."""
+
+_END, _END64, _END_SIZE, _END64_SIZE = b"PK\5\6", b"PK\6\7", 22, 20
 
 
 def read_arrays(
@@ -45,22 +51,36 @@ def read_arrays(
         raise error(f"{path} cannot be read ({words(reason)}).") from reason
 
 
-def open_archive(path: Path) -> zipfile.ZipFile:
+@contextmanager
+def open_archive(path: Path) -> Iterator[zipfile.ZipFile]:
     """A zip archive of at most `MOST_MEMBERS` members, which are counted before they are listed.
 
     Raises
     ------
     ValueError, OSError, zipfile.BadZipFile
-        If it is none, or ends with a comment, which no archive of arrays does.
+        If it is none, or ends with a comment or a record of larger numbers, which no archive of
+        arrays does.
     """
     with open(path, "rb", opener=open_without_waiting) as file:
-        file.seek(max(0, os.fstat(file.fileno()).st_size - 22))
-        end = file.read()
-    if len(end) != 22 or end[:4] != b"PK\5\6":
+        _check_end(file)
+        with zipfile.ZipFile(file) as archive:
+            yield archive
+
+
+def _check_end(file: BinaryIO) -> None:
+    """Check how many members an archive declares, and that their list is no longer than theirs.
+
+    zipfile reads the list by its length, whatever number is declared.
+    """
+    file.seek(max(0, os.fstat(file.fileno()).st_size - _END_SIZE - _END64_SIZE))
+    before, end = (last := file.read())[:-_END_SIZE], last[-_END_SIZE:]
+    if len(end) != _END_SIZE or end[:4] != _END or end[-2:] != b"\0\0" or before[:4] == _END64:
         raise ValueError("it is no archive of arrays, or its end is lost")
-    if (n_members := struct.unpack("<H", end[10:12])[0]) > MOST_MEMBERS:
+    n_members, n_bytes = struct.unpack("<HI", end[10:16])
+    if n_members > MOST_MEMBERS:
         raise ValueError(f"it has {n_members} members, more than {MOST_MEMBERS}")
-    return zipfile.ZipFile(path)
+    if n_bytes > MOST_LISTED * n_members:
+        raise ValueError(f"it lists {n_members} members in {n_bytes} bytes")
 
 
 def read_member(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:

@@ -23,6 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
+from servoscope.wording import one_line
+
 LARGEST_FILE = 2 * 2**30
 """Most bytes of a file whose format has no limit of its own."""
 
@@ -111,12 +113,11 @@ def read_lines(path: Path, error: type[Exception], newline: str | None = None) -
     if max(content.count(b"\n"), content.count(b"\r")) > MOST_LINES:
         raise error(f"{path} has more than {MOST_LINES} lines; divide it.")
     try:
-        content.decode("utf-8")
+        text = io.StringIO(content.decode("utf-8-sig"), newline=newline)
     except UnicodeDecodeError as reason:
         raise error(f"{path} is not UTF-8 ({reason.reason}); save it as such.") from reason
     if b"\0" in content:
         raise error(f"{path} is not text (it holds NUL bytes); save it as UTF-8.")
-    text = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig", newline=newline)
     number = 0
     while line := text.readline(LONGEST_LINE + 1):
         number += 1
@@ -263,6 +264,5 @@ def _kind(mode: int) -> str:
 
 
 def words(reason: Exception) -> str:
-    """What an exception says, on one line of at most 300 characters."""
-    text = getattr(reason, "strerror", None) or str(reason)
-    return " ".join(text.split())[:300] or type(reason).__name__
+    """What an exception says of a file that is named already, on one line."""
+    return one_line(getattr(reason, "strerror", None) or reason)

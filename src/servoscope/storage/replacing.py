@@ -13,6 +13,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from servoscope.errors import FolderInUseError
+from servoscope.storage.ownership import owned
+from servoscope.wording import one_line
+
 NEW = ".servoscope-new"
 """The folder within a folder in which its replacement is made."""
 
@@ -30,7 +34,7 @@ def replacing(
     folder : Path
         Owned; what else is in it stays.
     parts : sequence of str
-        Files and folders in there that are replaced. The first tells that the others are whole:
+        Files and folders in there that are replaced. The first shows that the others are whole:
         it leaves first and enters last.
     go_on : bool
         Go on with what an earlier block has left.
@@ -68,10 +72,32 @@ def complete_replacement(folder: Path, parts: Sequence[str]) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
+def complete_interrupted(folder: Path, parts: Sequence[str]) -> None:
+    """Complete a replacement that was stopped in its last step, in a folder that is not owned.
+
+    Raises
+    ------
+    FolderInUseError
+        If there is one and it cannot be completed: it goes on right now, or the folder cannot be
+        written.
+    """
+    if not any((folder / name).exists() for name in (_WHOLE, _ENTERING)):
+        return
+    try:
+        with owned(folder):
+            complete_replacement(folder, parts)
+    except OSError as error:
+        raise FolderInUseError(
+            f"{folder} was being replaced when that was interrupted, which cannot be completed "
+            f"({one_line(error.strerror or error)}); make it writable, or repeat the command that "
+            "was interrupted."
+        ) from error
+
+
 def _remove(folder: Path) -> None:
     """Remove a folder in which threads of a writer that failed may still be writing."""
     for _ in range(20):
         shutil.rmtree(folder, ignore_errors=True)
-        time.sleep(0.1)
         if not folder.exists():
             return
+        time.sleep(0.1)

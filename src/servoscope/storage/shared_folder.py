@@ -23,7 +23,7 @@ def shared_folder() -> str:
     """A folder for arrays that processes share: in shared memory, where there is enough.
 
     It goes when this process ends. If that is killed, the next one that asks for such a folder
-    removes it, told by its lock that the owner is gone.
+    removes it: its lock shows that the owner is gone.
 
     Raises
     ------
@@ -31,14 +31,16 @@ def shared_folder() -> str:
         If there is no place for it.
     """
     remove_abandoned()
-    owner, stack = os.getpid(), ExitStack()
-    while True:
-        folder = _places()[0] / f"servoscope-{owner}-{secrets.token_hex(4)}"
-        if stack.enter_context(locked(_lock_of(folder))):
-            break
-    folder.mkdir(mode=0o700)
-    stack.callback(shutil.rmtree, folder, ignore_errors=True)
-    atexit.register(lambda: stack.close() if os.getpid() == owner else None)
+    owner = os.getpid()
+    with ExitStack() as stack:
+        while True:
+            folder = _places()[0] / f"servoscope-{owner}-{secrets.token_hex(4)}"
+            if stack.enter_context(locked(_lock_of(folder))):
+                break
+        folder.mkdir(mode=0o700)
+        stack.callback(shutil.rmtree, folder, ignore_errors=True)
+        held = stack.pop_all()
+    atexit.register(lambda: held.close() if os.getpid() == owner else None)
     return str(folder)
 
 
@@ -59,7 +61,8 @@ def _remove_if_abandoned(lock: Path) -> None:
         if not is_abandoned:
             return
         shutil.rmtree(lock.with_suffix(""), ignore_errors=True)
-        if not _is_alive(owner):
+        # Windows has no such folder, and there the question would be a Ctrl-C.
+        if SHARED_MEMORY.is_dir() and not _is_alive(owner):
             for semaphore in SHARED_MEMORY.glob(f"sem.loky-{owner}-*"):
                 semaphore.unlink(missing_ok=True)
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from servoscope.errors import DataSetError
 from servoscope.storage.reading import check_regular, read_json
+from servoscope.wording import one_line
 
 PER_CHUNK = 25
 """Most items of a chunk."""
@@ -100,7 +101,7 @@ def read_stack(path: Path, shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
     try:
         return np.asarray(zarr.open_array(path, mode="r", zarr_format=3)[:])
     except Exception as error:  # zarr and its codecs raise of every kind on damaged files
-        raise _refusal(path, str(error) or type(error).__name__) from error
+        raise _refusal(path, error) from error
 
 
 def _read_description(path: Path, n_axes: int, dtype: str) -> tuple[tuple[int, ...], int]:
@@ -156,6 +157,5 @@ def _check_chunk(path: Path, chunk: Path, n_bytes: int) -> int:
     return size
 
 
-def _refusal(path: Path, reason: str) -> DataSetError:
-    text = " ".join(reason.split())[:300]
-    return DataSetError(f"{path} cannot be read ({text}); make the data set again.")
+def _refusal(path: Path, reason: str | Exception) -> DataSetError:
+    return DataSetError(f"{path} cannot be read ({one_line(reason)}); make the data set again.")

@@ -16,7 +16,12 @@ from servoscope import __version__, files
 from servoscope.errors import FolderExistsError, RunFolderError
 from servoscope.storage import archives, reading
 from servoscope.storage.ownership import LOCK, owned
-from servoscope.storage.replacing import NEW, complete_replacement, replacing
+from servoscope.storage.replacing import (
+    NEW,
+    complete_interrupted,
+    complete_replacement,
+    replacing,
+)
 
 VERSION = 1
 PARTS = (
@@ -147,7 +152,17 @@ def open_run_folder(path: Path, settings: dict[str, Any], *, resume: bool = Fals
 
 
 def is_run(path: Path) -> bool:
-    """Whether the folder holds a run, of whatever version, finished or not."""
+    """Whether the folder holds a run, of whatever version, finished or not.
+
+    A replacement that was interrupted is completed first.
+
+    Raises
+    ------
+    FolderInUseError
+        If the run is being replaced, or the replacement cannot be completed.
+    """
+    if not (path / "config.json").exists():
+        complete_interrupted(path, _REPLACED)
     if not (path / "config.json").exists():
         return False
     try:
@@ -180,7 +195,7 @@ def read_settings(path: Path) -> dict[str, Any]:
 def _seconds(record: Path) -> float:
     seconds = read_json(record).get("seconds")
     if not isinstance(seconds, int | float):
-        raise RunFolderError(f"{record} tells no seconds; make the run again with --force.")
+        raise RunFolderError(f"{record} lacks its seconds; make the run again with --force.")
     return float(seconds)
 
 
@@ -236,8 +251,9 @@ def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
     try:
         return archives.read_arrays(path, names, ValueError)
     except ValueError as error:
+        reason = str(error).removesuffix("; restore it.").rstrip(".")
         raise RunFolderError(
-            f"{path.name} is damaged: {error} Make the run again with --force."
+            f"{path.name} is damaged: {reason}; make the run again with --force."
         ) from error
 
 
