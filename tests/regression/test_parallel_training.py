@@ -73,6 +73,7 @@ def test_jobs_that_name_no_column_are_refused(samples):
         (NetworkJob(np.array([12]), 0), r"columns from 0 to 11, got \[12\]"),
         (NetworkJob(np.array([], dtype=int), 0), r"columns from 0 to 11, got \[\]"),
         (NetworkJob(np.array([-1]), 0), r"columns from 0 to 11, got \[-1\]"),
+        (NetworkJob(np.array([0.5]), 0), r"columns from 0 to 11, got \[0.5\]"),
         (NetworkJob(np.array([0]), 2), "target must be from 0 to 1, got 2"),
     ]:
         with pytest.raises(InvalidInputError, match=message):

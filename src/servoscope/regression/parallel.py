@@ -175,12 +175,7 @@ def _check_samples(X: ArrayLike, Y: ArrayLike, jobs: Sequence[NetworkJob]) -> tu
         check_scale(Y, "Y")
     for job in jobs:
         columns = np.asarray(job.columns)
-        if (
-            columns.dtype.kind not in "iu"
-            or not columns.size
-            or columns.max() >= X.shape[1]
-            or columns.min() < 0
-        ):
+        if not _are_places(columns, X.shape[1]):
             raise InvalidInputError(
                 f"A job must name columns from 0 to {X.shape[1] - 1}, got {columns.tolist()}."
             )
