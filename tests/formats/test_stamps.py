@@ -65,6 +65,24 @@ def test_stamps_that_are_not_seconds_are_refused(pose_folder, factor, start, uni
     assert f"are {unit}; divide them" in message
 
 
+@pytest.mark.parametrize("pause", [1200, 3600, 14_400])
+def test_a_time_lapse_is_taken_as_seconds_with_a_warning(pause):
+    with pytest.warns(ServoscopeWarning, match=f"{pause} apart, and taken as seconds; if they are"):
+        check_seconds(SINCE_1970 + pause * np.arange(5), "rgb.txt")
+
+
+@pytest.mark.parametrize("stamp", ["0e400", "0e99999999999999999999", "0e-99999999999999999999"])
+@pytest.mark.parametrize("name", ["rgb.txt", "groundtruth.txt"])
+def test_a_stamp_with_an_exponent_beyond_all_clocks_is_refused(pose_folder, stamp, name):
+    pose_folder.write_tum()
+    rewrite(
+        pose_folder.path / name,
+        lambda lines: [*lines[:-1], " ".join([stamp, *lines[-1].split()[1:]])],
+    )
+    message = refusal(pose_folder)
+    assert re.search(rf"{name}, line \d+: stamps must be seconds without large expo", message)
+
+
 @pytest.mark.parametrize("pause", [1e-4, 1 / 30, 1.0, 60.0])
 def test_seconds_of_any_clock_and_pace_are_taken(pause):
     for start in (0.0, -5.0, SINCE_1970):

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
-from decimal import Decimal
+from decimal import Decimal, InvalidOperation
+from reprlib import repr as brief
 
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.errors import DataSetError
+from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.formats.pairing import Trajectory
 from servoscope.poses import pose_error
 
 _SINCE_1970 = {1e17: "nanoseconds", 1e14: "microseconds", 1e11: "milliseconds"}
-_LONGEST_PAUSE_S = 1000.0
+_LONGEST_PAUSE_S = 20_000.0
+_LONG_PAUSE_S = 1000.0
 _SAME_M, _SAME_RAD = 1e-4, 1e-4
 _LEAST_MM, _LEAST_DEG = 1.0, 0.1
 _FASTEST_M_PER_S = 30.0
@@ -25,12 +28,25 @@ def check_seconds(times: NDArray[np.float64], where: str) -> None:
     Raises
     ------
     DataSetError
-        If they would be in a far future, or whole numbers some thousand seconds apart.
+        If they would be in a far future, or whole numbers more than some hours apart.
+
+    Warns
+    -----
+    ServoscopeWarning
+        If they are whole numbers some thousand apart: a time lapse, or microseconds.
     """
     stamp = float(np.median(times))
     pause = float(np.median(np.diff(np.sort(times)))) if len(times) > 1 else 0.0
     unit = next((name for least, name in _SINCE_1970.items() if abs(stamp) >= least), None)
-    if unit is None and pause > _LONGEST_PAUSE_S and (times == np.round(times)).all():
+    if unit is None and pause > _LONG_PAUSE_S and (times == np.round(times)).all():
+        if pause <= _LONGEST_PAUSE_S:
+            warnings.warn(
+                f"{where}: stamps are whole numbers, {pause:.6g} apart, and taken as seconds; if "
+                "they are microseconds, divide them.",
+                ServoscopeWarning,
+                stacklevel=4,
+            )
+            return
         unit = "nanoseconds" if pause > 1e6 else "microseconds"
     if unit is not None:
         raise DataSetError(
@@ -39,15 +55,26 @@ def check_seconds(times: NDArray[np.float64], where: str) -> None:
         )
 
 
-def resolution(texts: Sequence[str]) -> float:
+def resolution(texts: Sequence[str], where: str = "Stamps") -> float:
     """The step in which stamps are written, [s]: the finest of them all.
+
+    Raises
+    ------
+    DataSetError
+        If one is written with an exponent beyond all clocks.
 
     Examples
     --------
     >>> resolution(["12", "12.25"]), resolution(["1.30503e+09"])
     (0.01, 10000.0)
     """
-    return 10.0 ** min(Decimal(text).as_tuple().exponent for text in texts)  # type: ignore[operator]
+    try:
+        return 10.0 ** min(Decimal(text).as_tuple().exponent for text in texts)  # type: ignore[operator]
+    except (InvalidOperation, OverflowError) as error:
+        raise DataSetError(
+            f"{where}: stamps must be seconds without large exponents, got {brief(texts[0])}; "
+            "mend the line, or leave it out with --skip-bad."
+        ) from error
 
 
 def without_equal_stamps(

@@ -142,7 +142,7 @@ def read_tum(
 
 def _read_image_list(path: Path) -> tuple[list[str], np.ndarray, float]:
     """Names of the images, their stamps [s], and the step in which these are written [s]."""
-    names, stamps, times = [], [], []
+    names, steps, times = [], [], []
     for where, line in _lines(path):
         fields = line.split(maxsplit=1)
         if len(fields) != 2:
@@ -150,18 +150,18 @@ def _read_image_list(path: Path) -> tuple[list[str], np.ndarray, float]:
                 f"{where}: must be 'timestamp filename', got {brief(line)}{other_separators(line)}."
             )
         times += parse_numbers(fields[:1], _COLUMNS[:1], where)
-        stamps.append(fields[0])
+        steps.append(resolution(fields[:1], where))
         names.append(relative_name(fields[1], where))
     if not names:
         raise DataSetError(f"{path} names no image; its lines must be 'timestamp filename'.")
     check_names_differ(names, path)
     check_seconds(np.array(times), str(path))
-    return names, np.array(times), resolution(stamps)
+    return names, np.array(times), min(steps)
 
 
 def _read_trajectory(path: Path, options: TumOptions, drops: Drops) -> tuple[Trajectory, float]:
     """The poses in time, and the step in which their stamps are written [s]."""
-    stamps, numbers = [], array("d")
+    steps, numbers = [], array("d")
     for where, line in _lines(path, options.quaternion_order):
         fields = line.split()
         try:
@@ -172,15 +172,16 @@ def _read_trajectory(path: Path, options: TumOptions, drops: Drops) -> tuple[Tra
                 )
             row = parse_numbers(fields[:1], _COLUMNS[:1], where)
             row += parse_pose(fields[1:], _COLUMNS[1:], where, options.units)
+            step = resolution(fields[:1], where)
         except DataSetError:
             check_pose_header(line, options.quaternion_order, where)
             if not options.skip_bad:
                 raise
             drops.add(BAD_POSE, [Path(where).name])
             continue
-        stamps.append(fields[0])
+        steps.append(step)
         numbers.extend(row)
-    if not stamps:
+    if not steps:
         raise DataSetError(f"{path} holds no pose; its lines must be {' '.join(_COLUMNS)!r}.")
     table = np.array(numbers).reshape(-1, len(_COLUMNS))
     check_seconds(table[:, 0], str(path))
@@ -197,7 +198,7 @@ def _read_trajectory(path: Path, options: TumOptions, drops: Drops) -> tuple[Tra
     drops.add(EQUAL_STAMPS, [f"{time:.6f}" for time in conflicts])
     if not len(trajectory.times):
         raise DataSetError(f"{path} holds no pose whose stamp is its own; mend the stamps.")
-    return trajectory, resolution(stamps)
+    return trajectory, min(steps)
 
 
 def _lines(
