@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -81,7 +83,7 @@ def test_many_names_are_cut_short():
 def test_cameras_farther_from_the_reference_than_the_part_are_told(largest, told):
     texts = pose_warnings(data_set(poses(*np.linspace(0, 0.4, 20) * 100, largest)))
     assert bool(texts) == told
-    assert all(f"up to {largest} mm" in text and "--units mm" in text for text in texts)
+    assert all(f"up to {largest} mm" in text and "check the units" in text for text in texts)
 
 
 def test_a_set_of_one_pose_is_told():
@@ -115,3 +117,33 @@ def test_a_data_set_tells_of_its_images_and_poses(images):
     texts = data_set_warnings(data_set(poses(*range(29), 9000), images))
     assert texts[0].startswith("Of 30 images some are of no use: 1 black (000020)")
     assert "check the units" in texts[1]
+
+
+@pytest.mark.parametrize(
+    ("source", "options"),
+    [
+        ({"format": "tum"}, ["import with --skip-bad", "(--units mm?)", "--max-mm", "--max-deg"]),
+        ({"rings": 3}, []),
+        ({}, []),
+    ],
+)
+def test_options_of_import_are_named_only_where_there_was_one(images, source, options):
+    images[20] = 0
+    T = poses(*range(29), 9000, degrees=[0] * 28 + [170, 190])
+    said = " ".join(data_set_warnings(data_set(T, images, source=source)))
+    assert re.findall(r"import with --skip-bad|\(--units mm\?\)|--max-\w+", said) == options
+    assert "--" in said or "take them anew" in said
+
+
+@pytest.mark.parametrize(("pivot", "named"), [(0.5, "the pivot is at 500 mm"), (0.0, None)])
+def test_a_pivot_is_named_if_there_is_one(pivot, named):
+    (text,) = pose_warnings(data_set(poses(0, 0, 5000), pivot=pivot))
+    assert ("before it" in text or "pivot" in text) == (named is not None)
+    assert named is None or named in text
+
+
+def test_faults_that_are_known_are_not_looked_for_again(images, monkeypatch):
+    data, faults = data_set(poses(*range(30)), images), {"flat": np.arange(30) == 4}
+    monkeypatch.setattr("servoscope.dataset_faults.image_faults", pytest.fail)
+    (text,) = data_set_warnings(data, faults)
+    assert "1 flat (000004)" in text

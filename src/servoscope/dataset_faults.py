@@ -92,11 +92,24 @@ def fault_words(faults: dict[str, NDArray[np.bool_]], names: Iterable[str]) -> s
     return ", ".join(parts)
 
 
-def data_set_warnings(data: PoseImageSet) -> list[str]:
-    """What is wrong with the images and poses of a data set, a sentence each."""
+def data_set_warnings(
+    data: PoseImageSet, faults: dict[str, NDArray[np.bool_]] | None = None
+) -> list[str]:
+    """What is wrong with the images and poses of a data set, a sentence each.
+
+    Parameters
+    ----------
+    data : PoseImageSet
+    faults : dict of ndarray, optional
+        What `image_faults` finds in it, if that is known.
+    """
     texts = pose_warnings(data)
-    if words := fault_words(image_faults(data.images, data.T_world_cam), data.names):
-        advice = "import with --skip-bad leaves them out"
+    if faults is None:
+        faults = image_faults(data.images, data.T_world_cam)
+    if words := fault_words(faults, data.names):
+        advice = "take them anew, or leave them out"
+        if _is_imported(data):
+            advice = "import with --skip-bad leaves them out"
         texts.insert(0, f"Of {len(data)} images some are of no use: {words}; {advice}.")
     return texts
 
@@ -108,30 +121,38 @@ def pose_warnings(data: PoseImageSet) -> list[str]:
     unit is wrong. Euler angles jump from 180 to -180 degrees, and about x and z where that about y
     comes near 90 degrees: such targets cannot be learned.
     """
-    texts = []
+    texts, units, to_mm, to_deg = [], "", "", ""
+    if _is_imported(data):
+        units, to_mm, to_deg = " (--units mm?)", " with --max-mm", " with --max-deg"
     if len(data) > 1 and not data.moves().any():
         texts.append("All images have one pose: nothing can be learned from them.")
     mm = 1e3 * pose_error(data.T_world_ref, data.T_world_cam)[0]
     part_mm = 1e3 * max(abs(data.pivot), 0.25)
     if mm.max() > FAR_IN_PIVOTS * part_mm or np.median(mm) > MEDIAN_FAR_IN_PIVOTS * part_mm:
+        pivot = f", though the pivot is at {1e3 * data.pivot:.6g} mm" if data.pivot else ""
         texts.append(
             f"Cameras are up to {mm.max():.6g} mm from the reference (half of them beyond "
-            f"{np.median(mm):.6g} mm), though the part is taken to be {part_mm:.6g} mm before it: "
-            "check the units of the positions (--units mm?), or keep the near ones with --max-mm."
+            f"{np.median(mm):.6g} mm){pivot}: check the units of the positions{units}, or "
+            f"keep the near ones{to_mm}."
         )
     angles = np.degrees(data.delta_p()[:, 3:])
     for dof, values in zip(("rx", "rz"), angles[:, [0, 2]].T, strict=True):
         if values.max() > 135 and values.min() < -135:
             texts.append(
                 f"Angles of {dof} wrap at 180 deg ({values.min():.1f} to {values.max():.1f} deg): "
-                "equal views get targets 360 deg apart; keep the near ones with --max-deg."
+                f"equal views get targets 360 deg apart; keep the near ones{to_deg}."
             )
     if (steep := np.abs(angles[:, 1]).max()) > 80:
         texts.append(
-            f"Angles of ry come to {steep:.1f} deg: near 90 deg rx and rz cannot be told apart; "
-            "keep the near ones with --max-deg."
+            f"Angles of ry come to {steep:.1f} deg: near 90 deg rx and rz are not separable; "
+            f"keep the near ones{to_deg}."
         )
     return texts
+
+
+def _is_imported(data: PoseImageSet) -> bool:
+    """Whether a data set was made by `import`, whose options then help."""
+    return "format" in data.source
 
 
 def _grey_levels(images: NDArray[np.uint8]) -> tuple[NDArray[Any], ...]:

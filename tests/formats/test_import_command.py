@@ -29,7 +29,7 @@ def test_import_and_info_count_and_name_what_shows_nothing(spoilt, tmp_path, cap
     for out in (imported.out, capsys.readouterr().out):
         facts = json.loads(out)
         assert facts["unusable_images"] == COUNTS
-        assert "1 black (01.png), 1 repeated (04.png)" in facts["warnings"]
+        assert "1 black (01.png), 1 repeated (04.png)" in facts["warnings"][0]
 
 
 def test_what_shows_nothing_is_left_out_when_asked(spoilt, tmp_path, capsys):
@@ -40,7 +40,7 @@ def test_what_shows_nothing_is_left_out_when_asked(spoilt, tmp_path, capsys):
     facts = json.loads(out)
     assert facts["images"] == 4
     assert facts["unusable_images"] == dict.fromkeys(COUNTS, 0)
-    assert facts["warnings"] == "none"
+    assert facts["warnings"] == []
 
 
 @pytest.mark.parametrize("part", ["acquisition.json", "meta.json", "poses.csv", "reference.png"])

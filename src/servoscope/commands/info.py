@@ -16,7 +16,7 @@ ENDS = ("report.html", "scoreboard.html", "sensitivity.md")
 
 
 def info(path: AnyFolder = None, json: Json = False) -> None:
-    """Tell what a data set, a run or a model folder holds; without one, what is installed.
+    """Show what a data set, a run or a model folder holds; without one, what is installed.
 
     Example: servoscope info servoscope-study
     """
@@ -76,7 +76,7 @@ def describe_data_set(folder: Path) -> dict[str, Any]:
         },
         **_how_acquired(data.source),
         "unusable_images": {reason: int(bad.sum()) for reason, bad in faults.items()},
-        "warnings": " ".join(data_set_warnings(data)) or "none",
+        "warnings": data_set_warnings(data, faults),
         "source": data.source,
     }
 
@@ -101,7 +101,7 @@ def describe_run(folder: Path) -> dict[str, Any]:
 
 
 def describe_model(folder: Path) -> dict[str, Any]:
-    """What a model folder holds; of what its header tells, all that is there.
+    """What a model folder holds; all of its header that is valid.
 
     Raises
     ------
@@ -160,11 +160,11 @@ def _how_acquired(source: dict[str, Any]) -> dict[str, Any]:
     if not source.keys() >= {"rings", "n_replaced", "part", "variant", "robot"}:
         return {}
     replaced = source["n_replaced"]
-    told = f", {replaced} poses out of reach drawn anew"
+    drawn = f", {replaced} poses out of reach drawn anew"
     return {
         "rings": source["rings"],
         "part": f"{source['part']}, variant {source['variant']}",
-        "robot": f"{source['robot']}{told if replaced else ''}",
+        "robot": f"{source['robot']}{drawn if replaced else ''}",
     }
 
 

@@ -60,6 +60,8 @@ def _shown(value: Any) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{_shown(key)} {_shown(item)}" for key, item in value.items()) or "-"
     if isinstance(value, list | tuple):
+        if all(isinstance(item, str) for item in value):
+            return " ".join(map(_shown, value)) or "none"
         of_parts = any(isinstance(item, Mapping) for item in value)
         return ("; " if of_parts else " x ").join(map(_shown, value))
     if isinstance(value, float):
