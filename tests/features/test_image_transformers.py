@@ -139,7 +139,7 @@ def test_floats_from_0_to_1_give_the_features_of_grey_levels(family, images, del
 @each_family
 @pytest.mark.filterwarnings("ignore:The images are floats from 0 to 1")
 def test_images_on_another_scale_than_those_of_fit_are_refused(family, images, delta_p):
-    with pytest.raises(InvalidInputError, match="multiply them by 255"):
+    with pytest.raises(InvalidInputError, match="255, or, if the images are black"):
         clone(family).fit(images, delta_p).transform(images / 255.0)
     with pytest.raises(InvalidInputError, match="divide them by 255"):
         clone(family).fit(images / 255.0, delta_p).transform(images)

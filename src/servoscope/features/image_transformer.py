@@ -110,7 +110,7 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
         if scale == 1.0 and brightest > CERTAINLY_LEVELS and _are_shares(flat):
             raise InvalidInputError(
                 f"The images are floats from 0 to 1, but those of fit had grey levels up to "
-                f"{brightest:g}; multiply them by 255."
+                f"{brightest:g}; multiply them by 255, or, if the images are black, leave them out."
             )
         if 0 < brightest <= 1 and flat.max() > CERTAINLY_LEVELS:
             raise InvalidInputError(
