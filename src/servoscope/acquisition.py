@@ -64,7 +64,7 @@ def acquire(
     Returns
     -------
     PoseImageSet
-        Its poses are those that the robot told. Where it could not go, another displacement of
+        Its poses are those that the robot reported. Where it could not go, another displacement of
         the same ring was drawn; ``source["n_replaced"]`` counts them.
 
     Raises
@@ -143,7 +143,7 @@ def _begin(folder: Path, config: AcquisitionConfig, force: bool) -> Progress | N
     if progress is not None and progress.plan == plan:
         if progress.n_done > config.total():
             raise DataSetError(
-                f"{folder} tells of {progress.n_done} images where {config.total()} are wanted; "
+                f"{folder} counts {progress.n_done} images where {config.total()} are wanted; "
                 "begin again with --force."
             )
         return progress
@@ -182,7 +182,7 @@ def _blocks(start: int, stop: int) -> list[range]:
 
 
 def _take_block(config: AcquisitionConfig, block: range) -> tuple[Images, Array, int]:
-    """Images, the poses that the robot told, and how many draws were replaced."""
+    """Images, the poses that the robot reported, and how many draws were replaced."""
     T_world_ref, displacements = config.reference(), config.displacements()
     taken = [_take_image(config, T_world_ref, i, displacements[i]) for i in block]
     images, poses, n_replaced = zip(*taken, strict=True)
@@ -214,7 +214,7 @@ def _take_image(
 
 
 def _take_reference(config: AcquisitionConfig) -> tuple[Images, Array]:
-    """The mean of some images at the reference, and the pose that the robot tells there."""
+    """The mean of some images at the reference, and the pose that the robot reports there."""
     robot = make_robot(config.robot, config.scene(), config.repeatability(), config.camera_rng())
     images = [robot.read() for _ in range(config.plan()["n_reference_images"])]
     return np.rint(np.mean(images, axis=0)).astype(np.uint8), robot.pose

@@ -65,7 +65,7 @@ def read_progress(folder: Folder) -> Progress | None:
     Raises
     ------
     DataSetError
-        If what tells it is damaged.
+        If the file that says so is damaged.
     """
     path = Path(folder) / "acquisition.json"
     if not os.path.lexists(path):

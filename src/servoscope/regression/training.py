@@ -20,7 +20,7 @@ from servoscope.regression.tanh_network import (
 from servoscope.regression.training_result import TrainingResult
 
 _N_PARTS = 4
-"""Parts of the samples that are left out in turn where no others tell how large errors are."""
+"""Parts of the samples that are left out in turn where no others show how large errors are."""
 
 
 class Settings(Protocol):

@@ -1,6 +1,6 @@
 """What the strength of a disturbance means: one thing for every image size and every use.
 
-A blur is told in pixels of an image `REFERENCE_WIDTH` wide, and is on top of what there is: the
+A blur is given in pixels of an image `REFERENCE_WIDTH` wide, and is on top of what there is: the
 same share of the view in images of every size. A gain is a factor of all that is there. Noise is
 the standard deviation of what is added to each pixel by itself, in grey levels of the image, on
 top of what there is; whatever the size, so that making an image smaller lowers it.
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from servoscope.scene.sensor import Sensor
 
 REFERENCE_WIDTH = 256
-"""Width of the images that pixels are told for, [px]."""
+"""Width of the images that pixels are given for, [px]."""
 
 
 def as_widths(px: float) -> float:

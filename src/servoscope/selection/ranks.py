@@ -36,7 +36,7 @@ def normal_scores(table: Array) -> Array:
 def entropy_of_values(table: NDArray) -> Array:
     """Entropy of each column's distinct values, from their relative frequencies, [bits].
 
-    Nothing can tell more of a discrete variable. It is infinite where no two values are equal:
+    No information about a discrete variable is larger. It is infinite where no two values are equal:
     such a variable counts as continuous.
 
     Examples
