@@ -99,6 +99,12 @@ def test_what_cannot_be_opened_is_refused_with_the_reason(tmp_path, name, reason
         read_grey(tmp_path / name)
 
 
+def test_what_is_too_large_gets_one_piece_of_advice(tmp_path):
+    Image.new("1", (9000, 9000)).save(tmp_path / "a.png")
+    with pytest.raises(DataSetError, match=r"more than \d+ pixels; replace it, .*--skip-bad"):
+        read_grey(tmp_path / "a.png")
+
+
 def test_a_missing_file_is_told_from_a_damaged_one(tmp_path):
     with pytest.raises(DataSetError, match=r"a\.png is missing"):
         read_grey(tmp_path / "a.png")

@@ -16,7 +16,13 @@ from PIL import Image
 
 from servoscope.errors import DataSetError
 from servoscope.formats.grey_levels import filled_bits, to_eight_bits
-from servoscope.storage.reading import LARGEST_IMAGE, open_image, read_bytes, words
+from servoscope.storage.reading import (
+    LARGEST_IMAGE,
+    open_image,
+    read_bytes,
+    without_advice,
+    words,
+)
 
 _FILES_AT_ONCE = 4096
 
@@ -178,7 +184,7 @@ def _decode(path: Path) -> GreyLevels:
         with open_image(path, DataSetError) as image:
             return _grey(image, path)
     except DataSetError as error:
-        raise DataSetError(f"{str(error).rstrip('.')}; {what_to_do}") from error
+        raise DataSetError(f"{without_advice(error)}; {what_to_do}") from error
     except Exception as error:  # Pillow's decoders raise of every kind on damaged files
         raise DataSetError(f"{path} is not a whole image ({words(error)}); {what_to_do}") from error
 

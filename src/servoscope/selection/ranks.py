@@ -36,8 +36,8 @@ def normal_scores(table: Array) -> Array:
 def entropy_of_values(table: NDArray) -> Array:
     """Entropy of each column's distinct values, from their relative frequencies, [bits].
 
-    No information about a discrete variable is larger. It is infinite where no two values are equal:
-    such a variable counts as continuous.
+    No information about a discrete variable is larger. It is infinite where no two values are
+    equal: such a variable counts as continuous.
 
     Examples
     --------

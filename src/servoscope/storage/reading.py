@@ -263,6 +263,20 @@ def _kind(mode: int) -> str:
     return kinds.get(stat.S_IFMT(mode), "a device")
 
 
+def without_advice(error: Exception) -> str:
+    """What an error of this module says is wrong, for a caller who knows better what to do.
+
+    Examples
+    --------
+    >>> without_advice(ValueError("a.png is missing; restore it."))
+    'a.png is missing'
+    """
+    text = str(error)
+    for advice in ("; restore it.", "; make it smaller.", "; shrink it."):
+        text = text.removesuffix(advice)
+    return text.rstrip(".")
+
+
 def words(reason: Exception) -> str:
     """What an exception says of a file that is named already, on one line."""
     return one_line(getattr(reason, "strerror", None) or reason)

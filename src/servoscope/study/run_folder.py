@@ -251,9 +251,9 @@ def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
     try:
         return archives.read_arrays(path, names, ValueError)
     except ValueError as error:
-        reason = str(error).removesuffix("; restore it.").rstrip(".")
         raise RunFolderError(
-            f"{path.name} is damaged: {reason}; make the run again with --force."
+            f"{path.name} is damaged: {reading.without_advice(error)}; make the run again with "
+            "--force."
         ) from error
 
 
