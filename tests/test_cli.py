@@ -269,8 +269,8 @@ def test_a_full_disk_costs_nothing_of_a_set_that_an_import_replaces(tmp_path, mo
     planar_data_set(12, 24).save(tmp_path / "data")
     before = of_folder(tmp_path / "data")
     (tmp_path / "source").mkdir()
-    for name in ("a.png", "b.png"):
-        cv2.imwrite(str(tmp_path / "source" / name), 200 * np.eye(24, dtype=np.uint8))
+    for k, name in enumerate(("a.png", "b.png")):
+        cv2.imwrite(str(tmp_path / "source" / name), 200 * np.eye(24, k=k, dtype=np.uint8))
     poses = "name,tx,ty,tz,qx,qy,qz,qw\na.png,0,0,0,0,0,0,1\nb.png,0,0,1,0,0,0,1\n"
     (tmp_path / "source" / "poses.csv").write_text(poses)
     command = ["import", "folder", str(tmp_path / "source"), str(tmp_path / "data"), "--force"]
