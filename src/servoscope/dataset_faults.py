@@ -129,10 +129,10 @@ def pose_warnings(data: PoseImageSet) -> list[str]:
     mm = 1e3 * pose_error(data.T_world_ref, data.T_world_cam)[0]
     part_mm = 1e3 * max(abs(data.pivot), 0.25)
     if mm.max() > FAR_IN_PIVOTS * part_mm or np.median(mm) > MEDIAN_FAR_IN_PIVOTS * part_mm:
-        pivot = f", though the pivot is at {1e3 * data.pivot:.6g} mm" if data.pivot else ""
+        part = f", though the part is taken to be {1e3 * abs(data.pivot):.6g} mm before it"
         texts.append(
             f"Cameras are up to {mm.max():.6g} mm from the reference (half of them beyond "
-            f"{np.median(mm):.6g} mm){pivot}: check the units of the positions{units}, or "
+            f"{np.median(mm):.6g} mm){part if data.pivot else ''}: check the units of the positions{units}, or "
             f"keep the near ones{to_mm}."
         )
     angles = np.degrees(data.delta_p()[:, 3:])

@@ -12,6 +12,7 @@ from servoscope.errors import RunFolderError
 from servoscope.poses import DOFS
 from servoscope.study.paper import FAMILIES
 from servoscope.study.run_folder import VERSION, read_arrays, read_json, read_settings
+from servoscope.wording import one_line
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -154,5 +155,5 @@ def _check_summary(path: Path, summary: dict[str, Any]) -> None:
 
 
 def _damaged(path: Path, reason: str) -> RunFolderError:
-    reason = " ".join(reason.split())
+    reason = one_line(reason)
     return RunFolderError(f"{path} is damaged ({reason}); make the run again with --force.")
