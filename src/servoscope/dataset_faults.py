@@ -132,8 +132,8 @@ def pose_warnings(data: PoseImageSet) -> list[str]:
         part = f", though the part is taken to be {1e3 * abs(data.pivot):.6g} mm before it"
         texts.append(
             f"Cameras are up to {mm.max():.6g} mm from the reference (half of them beyond "
-            f"{np.median(mm):.6g} mm){part if data.pivot else ''}: check the units of the positions{units}, or "
-            f"keep the near ones{to_mm}."
+            f"{np.median(mm):.6g} mm){part if data.pivot else ''}: check the units of the "
+            f"positions{units}, or keep the near ones{to_mm}."
         )
     angles = np.degrees(data.delta_p()[:, 3:])
     for dof, values in zip(("rx", "rz"), angles[:, [0, 2]].T, strict=True):
