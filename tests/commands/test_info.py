@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from servoscope.cli import main
+from servoscope.commands.output import print_facts
 from servoscope.positioning.model_folder import write_model
 
 HEADER = {
@@ -68,3 +69,14 @@ def test_a_damaged_model_is_refused_in_one_line(tmp_path, capsys):
     err = capsys.readouterr().err
     assert "arrays.npz cannot be read" in err
     assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("warnings", "shown"),
+    [([], "none"), (["Check the lens.", "Check it."], "Check the lens. Check it.")],
+)
+def test_sentences_are_shown_one_after_the_other(capsys, warnings, shown):
+    print_facts({"warnings": warnings, "size_px": [320, 240]})
+    out = capsys.readouterr().out
+    assert out.splitlines()[0].split(maxsplit=1)[1].strip() == shown
+    assert "320 x 240" in out
