@@ -85,8 +85,6 @@ class Level:
     finest : bool
         Take every other pixel, and derivatives of the keyframe instead of the image: they are free
         of the image's noise, but good only near the truth.
-    most : int
-        Of more pixels, those with the steepest slopes are taken.
     stiffness : float
         How much of a residual of one standard deviation everywhere a light that is off by one
         standard deviation counts. Far from the truth, a gain near zero would explain much.
@@ -100,15 +98,11 @@ class Level:
         trust: Floats,
         stiffness: float = 0.0,
         finest: bool = False,
-        most: int = 2**30,
     ) -> None:
         self.view, self.camera, self.stiffness = view, camera, stiffness
         rows, columns = np.indices(view.shape)
         taken = trust > 0
-        if most < taken.size:
-            slope = np.linalg.norm(view.texture[:, :2], axis=1).reshape(view.shape)
-            taken &= slope >= np.quantile(slope, 1 - most / taken.size)
-        elif finest:  # neighbours are alike: every other pixel is nearly as informative
+        if finest:  # neighbours are alike: every other pixel is nearly as informative
             taken &= (rows + columns) % 2 == 0
         self.used = np.flatnonzero(taken)
         rays, by_camera = camera.rays(view.points[self.used])

@@ -21,7 +21,7 @@ from servoscope.positioning.result import Step
 from servoscope.positioning.settings import NEAR_ENOUGH, LoopSettings
 
 _EQUAL_CELLS, _EQUAL_SHIFT, _EQUAL_SIGNIFICANCE = 0.9, 2e-3, 2.0
-_EQUAL_DIFFERENCE = 0.2
+_EQUAL_DIFFERENCE, _EQUAL_STRUCTURE = 0.2, 1.5
 _FLOOR_LOOKS = 4
 _FLOOR_SHRINKAGE = 0.7
 
@@ -85,8 +85,6 @@ def is_within_tolerance(displacement: Array, settings: LoopSettings, pivot: floa
     reached = Reached.of_displacement(displacement, pivot)
     mm = NEAR_ENOUGH["mm"] if settings.tolerance_mm is None else settings.tolerance_mm
     deg = NEAR_ENOUGH["deg"] if settings.tolerance_deg is None else settings.tolerance_deg
-    if settings.tolerances and settings.tolerance_mm is None and settings.tolerance_deg is None:
-        return reached.excess(settings) is None
     return reached.mm <= mm and reached.deg <= deg and reached.excess(settings) is None
 
 
@@ -110,10 +108,11 @@ def is_equal(comparison: Comparison) -> bool:
     """Whether an image equals the reference to within noise.
 
     Nearly all of the view shows what the reference shows, in the same grey levels, displaced by no
-    more than noise makes of no displacement at all.
+    more than noise makes of no displacement at all, and what is left looks like noise.
     """
     return (
-        comparison.difference <= _EQUAL_DIFFERENCE
+        comparison.structure <= _EQUAL_STRUCTURE
+        and comparison.difference <= _EQUAL_DIFFERENCE
         and comparison.matched >= _EQUAL_CELLS
         and comparison.shift <= _EQUAL_SHIFT
         and comparison.significance <= _EQUAL_SIGNIFICANCE
@@ -150,9 +149,9 @@ def supports(estimate: Estimate, settings: LoopSettings, pivot: float) -> str | 
 
     An estimator that believes no deviation says nothing against them; the image has to match.
     """
-    if not np.isfinite(estimate.std).any():
+    if np.isnan(estimate.std).all():
         return None
-    std = np.where(np.isfinite(estimate.std), estimate.std, 0.0)
+    std = np.where(np.isnan(estimate.std), 0.0, estimate.std)
     return Reached.of_deviation(std, pivot).excess(settings)
 
 

@@ -18,6 +18,7 @@ from servoscope.positioning.guard import (
 )
 from servoscope.positioning.interfaces import Array, Camera, Image, Robot
 from servoscope.positioning.settings import LoopSettings
+from servoscope.wording import one_line
 
 T = TypeVar("T")
 
@@ -40,8 +41,8 @@ class Interruption:
     """Signals to end, heard once: the first raises KeyboardInterrupt, later ones change nothing.
 
     So a second Ctrl-C cannot cut short what the first one began. Should a driver or a callback
-    catch the first, `check` raises it again. Signals with a handler of the caller's own, and
-    threads other than the main one, are left as they are.
+    catch the first, `check` raises it again. A handler of the caller's own is called at the end.
+    In threads other than the main one nothing is changed.
 
     Examples
     --------
@@ -51,7 +52,7 @@ class Interruption:
     """
 
     def __init__(self) -> None:
-        self._heard: str | None = None
+        self._heard: signal.Signals | None = None
         self._is_held = False
         self._before: dict[int, Any] = {}
 
@@ -62,13 +63,13 @@ class Interruption:
     def check(self) -> None:
         """Raise KeyboardInterrupt if a signal was heard, and caught by somebody else."""
         if self._heard is not None and not self._is_held:
-            raise KeyboardInterrupt(self._heard)
+            raise KeyboardInterrupt(self._heard.name)
 
     def __enter__(self) -> Interruption:
         if threading.current_thread() is threading.main_thread():
             for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK"):
                 number = getattr(signal, name, None)
-                if number is not None and signal.getsignal(number) in _DEFAULT_HANDLERS:
+                if number is not None and signal.getsignal(number) not in (signal.SIG_IGN, None):
                     self._before[number] = signal.signal(number, self._hear)
         return self
 
@@ -80,14 +81,14 @@ class Interruption:
     ) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
+        own = self._before.get(self._heard) if self._heard is not None else None
+        if callable(own) and own is not signal.default_int_handler:
+            own(self._heard, None)
 
     def _hear(self, number: int, frame: FrameType | None) -> None:
         if self._heard is None and not self._is_held:
-            self._heard = signal.Signals(number).name
-            raise KeyboardInterrupt(self._heard)
-
-
-_DEFAULT_HANDLERS = (signal.SIG_DFL, signal.default_int_handler)
+            self._heard = signal.Signals(number)
+            raise KeyboardInterrupt(self._heard.name)
 
 
 class WatchedCamera:
@@ -245,16 +246,3 @@ def call_within(seconds: float | None, call: Callable[[], T]) -> T:
     if "error" in outcome:
         raise outcome["error"]
     return outcome["value"]
-
-
-def one_line(value: object, longest: int = 200) -> str:
-    """A value, or the message of an exception, in one line that any terminal can show.
-
-    An exception without a message, or whose message cannot be had, is named by its kind.
-    """
-    try:
-        text = " ".join(str(value).split())
-    except BaseException:
-        text = ""
-    text = "".join(c if c.isprintable() else "?" for c in text) or type(value).__name__
-    return text if len(text) <= longest else text[: longest - 3] + "..."

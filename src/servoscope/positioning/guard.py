@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from servoscope.poses import (
 from servoscope.positioning.image_error import thumbnail
 from servoscope.positioning.interfaces import Estimate
 from servoscope.positioning.settings import LoopSettings
+from servoscope.wording import one_line
 
 Array = NDArray[np.float64]
 
@@ -31,7 +33,10 @@ LEAST_CONTRAST = 0.1
 NOTICEABLE = 0.01
 """Share of the reach that a motion must have for the image to change for certain."""
 
-STANDING_M, STANDING_RAD = 1e-4, float(np.radians(0.02))
+FARTHEST_M = 1000.0
+"""No camera is farther from its reference."""
+
+STANDING_M, STANDING_RAD = 2e-4, float(np.radians(0.04))
 """Changes of the reported pose up to this are no motion, whatever the repeatability."""
 
 
@@ -115,8 +120,19 @@ def estimate_fault(estimate: Any) -> str | None:
         return f"The estimator must return an Estimate, but returned {type(estimate).__name__}."
     if not is_finite_rigid(estimate.displacement):
         return "The estimator gave no rigid displacement; nothing can be said of this image."
-    if np.shape(estimate.std) != (6,):
-        return f"The estimator must give six deviations, but gave {np.shape(estimate.std)}."
+    if np.abs(estimate.displacement[:3, 3]).max() > FARTHEST_M:
+        return f"The estimator gave a displacement of more than {FARTHEST_M:g} m."
+    std = estimate.std
+    if not isinstance(std, np.ndarray) or std.shape != (6,) or std.dtype.kind != "f":
+        return f"The estimator must give six deviations as an array, but gave {one_line(std)}."
+    if (std < 0).any():
+        return f"The estimator must give deviations of 0 or more, but gave {one_line(std)}."
+    for name in ("novelty", "similarity"):
+        value = getattr(estimate, name)
+        if not isinstance(value, Real):
+            return f"The estimator must give its {name} as a number, but gave {one_line(value)}."
+    if not isinstance(estimate.is_finest, bool | np.bool_):
+        return "The estimator must say whether its stage is the finest by True or False."
     return None
 
 
@@ -151,7 +167,7 @@ def workspace_fault(T_start: Array, T_next: Array, half_widths: Array) -> str | 
     return (
         f"The next move would carry {DOFS[worst]} {shown * offset[worst]:.1f} "
         f"{DISPLAY_UNITS[worst]} from the start, and {shown * half_widths[worst]:.1f} is the "
-        "most; start nearer to the reference."
+        "most; see that the view is free and lit as in training, and start nearer to the reference."
     )
 
 

@@ -24,6 +24,7 @@ MATCH = 0.7
 """Normalised correlation of a cell that shows what the reference shows there."""
 
 _SIGMA = 0.8
+_SMOOTH = 2.0
 _MOSTLY = 0.5
 _TEXTURED = 0.25
 _LEAST_UNCLIPPED = 0.5
@@ -50,6 +51,9 @@ class Comparison(NamedTuple):
     difference : float
         Root mean square of the difference in grey levels, as they are, as a share of the
         reference's contrast.
+    structure : float
+        How much of the difference, but for gain and offset, is smooth, relative to what would be
+        of noise: about 1 at the reference, more elsewhere.
     """
 
     usable: float
@@ -57,6 +61,7 @@ class Comparison(NamedTuple):
     shift: float
     significance: float
     difference: float
+    structure: float
 
 
 class ReferenceView:
@@ -84,7 +89,7 @@ class ReferenceView:
     >>> image = cv2.GaussianBlur(rng.integers(0, 256, (64, 64), dtype=np.uint8), (0, 0), 2)
     >>> view = ReferenceView(image)
     >>> view.compare(image)
-    Comparison(usable=1.0, matched=1.0, shift=0.0, significance=0.0, difference=0.0)
+    Comparison(usable=1.0, matched=1.0, shift=0.0, significance=0.0, difference=0.0, structure=0.0)
     >>> view.compare(np.roll(image, 1, axis=1)).significance > 10
     True
     """
@@ -116,13 +121,24 @@ class ReferenceView:
         share = float(matched.sum() / max(cells.textured.sum(), 1))
         difference = float(np.sqrt(np.mean((seen - self._seen) ** 2)) / self._seen.std())
         if not matched.any():
-            return Comparison(usable, share, np.inf, np.inf, difference)
+            return Comparison(usable, share, np.inf, np.inf, difference, np.inf)
         shift = float(np.median(cells.displacements(self._seen, weights)[matched]))
         significance = np.inf
         if share > _MOSTLY:
             where = weights * self._grid.spread(matched.astype(float))
             significance = cells.significance(self._seen, where)
-        return Comparison(usable, share, shift / max(self._seen.shape), significance, difference)
+        structure = _structure(seen, self._seen)
+        shift /= max(self._seen.shape)
+        return Comparison(usable, share, shift, significance, difference, structure)
+
+
+def _structure(image: Floats, expected: Floats) -> float:
+    """Variance that smoothing leaves of a difference, relative to what it leaves of noise."""
+    a, b = (x - x.mean() for x in (image, expected))
+    left = a - b * (float(np.vdot(a, b)) / max(float(np.vdot(b, b)), 1e-12))
+    smooth = cv2.GaussianBlur(left, (0, 0), _SMOOTH)
+    of_noise = _SIGMA**2 / (_SIGMA**2 + _SMOOTH**2)
+    return float(smooth.var() / max(float(left.var()) * of_noise, 1e-9))
 
 
 def similarity(image: Floats, expected: Floats, weights: Floats | None = None) -> float:

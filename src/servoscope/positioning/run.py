@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import replace
 from typing import NoReturn
 
@@ -12,18 +13,13 @@ import numpy as np
 from servoscope.poses import displacements_from_poses, inverse_transform
 from servoscope.positioning import arrival, guard
 from servoscope.positioning.consistency import CAUSES, LATE, Innovation, innovation
-from servoscope.positioning.devices import (
-    Interruption,
-    RunEnded,
-    WatchedCamera,
-    WatchedRobot,
-    one_line,
-)
+from servoscope.positioning.devices import Interruption, RunEnded, WatchedCamera, WatchedRobot
 from servoscope.positioning.guard import as_text
 from servoscope.positioning.interfaces import Array, Camera, Estimate, Estimator, Image, Robot
 from servoscope.positioning.reference_view import ReferenceView
 from servoscope.positioning.result import PositioningResult, Step
 from servoscope.positioning.settings import LoopSettings
+from servoscope.wording import one_line
 
 OnStep = Callable[[Step, Image], object]
 
@@ -32,6 +28,7 @@ _MOST_UNCONFIRMED = 2
 _FAR = 0.1
 _LEAST_SEEN = 0.05
 _SAME_CELLS = 0.9
+_REMEMBERED = 4
 _ARRIVED = ("converged", "limited")
 _STOP_IS_REPORTED = ("robot_fault", "interrupted")
 
@@ -65,7 +62,7 @@ class Run:
         self.reference = ReferenceView(estimator.reference_image)
         self.steps: list[Step] = []
         self.returned_to: int | None = None
-        self._moved_after: tuple[Step, Image] | None = None
+        self._moved_after: list[tuple[Step, Image]] = []
         self._contradicted_by: str | None = None
         self._is_late = False
         self._n_doubts, self._n_unsteady = 0, 0
@@ -110,7 +107,7 @@ class Run:
                     continue
                 if dry_run:
                     raise RunEnded("dry_run", _dry_run_message(commanded))
-                self._moved_after = self.steps[-1], self._last_image
+                self._moved_after.append((self.steps[-1], self._last_image))
                 self._contradicted_by, self._n_unsteady = None, 0
                 interruption.check()
                 executed = self.robot.move(commanded, self.steps[-1].pose)
@@ -187,7 +184,7 @@ class Run:
         if self.on_step is None:
             return
         try:
-            self.on_step(self.steps[-1], image)
+            self.on_step(deepcopy(self.steps[-1]), image.copy())
         except KeyboardInterrupt:
             raise
         except BaseException as error:
@@ -248,29 +245,37 @@ class Run:
         return self._next_move(self.steps[-1].estimate)
 
     def _contradiction(self, is_novel: bool) -> Innovation | None:
-        """How the view did not follow the last move; None if it did, or that cannot be judged.
+        """How the view did not follow the last moves; None if it did, or that cannot be judged.
 
-        A view that is not recognised has not followed it only if a fault explains what is seen.
+        Several moves that are each too small to judge may together be large enough to see that the
+        view stands still. A view that is not recognised has not followed them only if a fault explains what is seen. Images that are
+        equal bit for bit are left to the check for frozen ones.
         """
-        largest = self.settings.largest_innovation
-        if self._moved_after is None or largest is None:
+        for n, (before, image) in enumerate(reversed(self._moved_after[-_REMEMBERED:])):
+            found = self._contradiction_since(before, image, is_novel)
+            if found is not None and (n == 0 or found.cause == LATE):
+                return found
+        return None
+
+    def _contradiction_since(self, before: Step, image: Image, is_novel: bool) -> Innovation | None:
+        largest, pivot = self.settings.largest_innovation, self.estimator.pivot
+        if largest is None or np.array_equal(image, self._last_image):
             return None
-        (before, image_before), after = self._moved_after, self.steps[-1]
-        moved = inverse_transform(before.pose) @ after.pose
-        pivot, reach = self.estimator.pivot, self.estimator.reach
+        after = self.steps[-1]
+        robot_std = self.settings.allowed_miss(pivot) / 2
         found = innovation(
             before.estimate,
-            moved,
+            inverse_transform(before.pose) @ after.pose,
             after.estimate,
             pivot=pivot,
-            reach=reach,
-            robot_std=self.settings.allowed_miss(pivot) / 4,
+            reach=self.estimator.reach,
+            robot_std=np.hypot(robot_std, 1.5 * self.settings.repeatability(pivot)),
         )
         if found.contradicts(largest) and (found.fits or not is_novel):
             return found
         if found.share <= largest or found.size <= _LEAST_SEEN:
             return None
-        compared = ReferenceView(image_before).compare(self._last_image)
+        compared = ReferenceView(image).compare(self._last_image)
         is_same = compared.matched > _SAME_CELLS and not arrival.is_displaced(compared)
         return found._replace(cause=LATE, fits=True) if is_same else None
 
@@ -338,7 +343,9 @@ class Run:
 
     def _there(self) -> str:
         moves = "1 move" if self.robot.moves == 1 else f"{self.robot.moves} moves"
-        return f"after {moves}, believed {as_text(self.steps[-1].estimate.displacement)} away."
+        believed = as_text(self.steps[-1].estimate.displacement)
+        untested = " Nothing was moved, so that neither camera nor robot was tested."
+        return f"after {moves}, believed {believed} away." + untested * (self.robot.moves == 0)
 
     def _next_move(self, estimate: Estimate) -> Array | RunEnded:
         reach, pivot = self.estimator.reach, self.estimator.pivot
@@ -397,7 +404,8 @@ def _dry_run_message(commanded: Array) -> str:
 def _contradiction_message(found: Innovation, seen: Estimate) -> str:
     return (
         f"The view did not follow the move: {as_text(found.expected)} from the reference was "
-        f"expected, {as_text(seen.displacement)} is seen. It seems that {CAUSES[found.cause]}."
+        f"expected, {as_text(seen.displacement)} is seen. It seems that {CAUSES[found.cause]}. If "
+        "the robot scatters as much as that, give its repeatability."
     )
 
 
