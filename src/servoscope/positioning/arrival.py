@@ -22,6 +22,7 @@ from servoscope.positioning.settings import NEAR_ENOUGH, LoopSettings
 
 _EQUAL_CELLS, _EQUAL_SHIFT, _EQUAL_SIGNIFICANCE = 0.9, 2e-3, 2.0
 _EQUAL_DIFFERENCE, _EQUAL_STRUCTURE = 0.2, 1.5
+_OTHERWISE = 2.5
 _FLOOR_LOOKS = 4
 _FLOOR_SHRINKAGE = 0.7
 
@@ -142,6 +143,16 @@ def doubts(step: Step, settings: LoopSettings) -> list[str]:
             f"{settings.largest_shift:.2%} are allowed"
         )
     return found
+
+
+def caution(step: Step) -> str:
+    """What the believed deviation does not include, as an end of a message."""
+    if step.comparison is None or step.comparison.structure <= _OTHERWISE:
+        return ""
+    return (
+        " What differs from the reference is not noise but a light, a part or a cover, and the "
+        "believed deviation does not include what that does."
+    )
 
 
 def supports(estimate: Estimate, settings: LoopSettings, pivot: float) -> str | None:

@@ -248,8 +248,9 @@ class Run:
         """How the view did not follow the last moves; None if it did, or that cannot be judged.
 
         Several moves that are each too small to judge may together be large enough to see that the
-        view stands still. A view that is not recognised has not followed them only if a fault explains what is seen. Images that are
-        equal bit for bit are left to the check for frozen ones.
+        view stands still. A view that is not recognised has not followed them only if a fault
+        explains what is seen. Images that are equal bit for bit are left to the check for frozen
+        ones.
         """
         for n, (before, image) in enumerate(reversed(self._moved_after[-_REMEMBERED:])):
             found = self._contradiction_since(before, image, is_novel)
@@ -310,13 +311,14 @@ class Run:
             )
         if found := arrival.doubts(self.steps[-1], settings):
             return self._unconfirmed(found) if is_within else None
+        caution = arrival.caution(self.steps[-1])
         if is_there:
-            return RunEnded("converged", f"Converged {self._there()}")
+            return RunEnded("converged", f"Converged {self._there()}{caution}")
         reached = arrival.Reached.of_displacement(estimate.displacement, pivot)
         near = f"As near as {allowed_by} allows {self._there()}{note}"
         if above := reached.excess(settings) or excess:
-            return RunEnded("limited", f"{near} The tolerance is not met: {above}.")
-        return RunEnded("converged", near)
+            return RunEnded("limited", f"{near} The tolerance is not met: {above}.{caution}")
+        return RunEnded("converged", near + caution)
 
     def _unconfirmed(self, found: list[str]) -> RunEnded | None:
         """The end of a run that seemed twice to have arrived, with something against it."""
