@@ -22,7 +22,7 @@ from servoscope.positioning.settings import NEAR_ENOUGH, LoopSettings
 
 _EQUAL_CELLS, _EQUAL_SHIFT, _EQUAL_SIGNIFICANCE = 0.9, 2e-3, 2.0
 _EQUAL_DIFFERENCE, _EQUAL_STRUCTURE = 0.2, 1.5
-_OTHERWISE = 2.5
+_OTHERWISE, _OTHER_LIGHT = 2.5, 4.0
 _FLOOR_LOOKS = 4
 _FLOOR_SHRINKAGE = 0.7
 
@@ -143,6 +143,19 @@ def doubts(step: Step, settings: LoopSettings) -> list[str]:
             f"{settings.largest_shift:.2%} are allowed"
         )
     return found
+
+
+def is_otherwise(step: Step) -> bool:
+    """Whether the view differs so much from the reference that no accuracy can be believed.
+
+    And not since it is displaced: no displacement explains the difference.
+    """
+    seen = step.comparison
+    return (
+        seen is not None
+        and seen.structure > _OTHER_LIGHT
+        and seen.significance < 2 * _EQUAL_SIGNIFICANCE
+    )
 
 
 def caution(step: Step) -> str:

@@ -52,8 +52,9 @@ class Comparison(NamedTuple):
         Root mean square of the difference in grey levels, as they are, as a share of the
         reference's contrast.
     structure : float
-        How much of the difference, but for gain and offset, is smooth, relative to what would be
-        of noise: about 1 at the reference, more elsewhere.
+        How much of the difference of the matched cells, but for gain and offset, is smooth,
+        relative to what would be of noise: about 1 at the reference, more elsewhere and in another
+        light.
     """
 
     usable: float
@@ -124,21 +125,23 @@ class ReferenceView:
             return Comparison(usable, share, np.inf, np.inf, difference, np.inf)
         shift = float(np.median(cells.displacements(self._seen, weights)[matched]))
         significance = np.inf
+        where = weights * self._grid.spread(matched.astype(float))
         if share > _MOSTLY:
-            where = weights * self._grid.spread(matched.astype(float))
             significance = cells.significance(self._seen, where)
-        structure = _structure(seen, self._seen)
+        structure = _structure(seen, self._seen, where)
         shift /= max(self._seen.shape)
         return Comparison(usable, share, shift, significance, difference, structure)
 
 
-def _structure(image: Floats, expected: Floats) -> float:
+def _structure(image: Floats, expected: Floats, where: Array) -> float:
     """Variance that smoothing leaves of a difference, relative to what it leaves of noise."""
-    a, b = (x - x.mean() for x in (image, expected))
+    w = (where > 0).astype(np.float32)
+    n = max(float(w.sum()), 1.0)
+    a, b = (w * (x - float(np.vdot(w, x)) / n) for x in (image, expected))
     left = a - b * (float(np.vdot(a, b)) / max(float(np.vdot(b, b)), 1e-12))
-    smooth = cv2.GaussianBlur(left, (0, 0), _SMOOTH)
+    smooth = w * cv2.GaussianBlur(left, (0, 0), _SMOOTH)
     of_noise = _SIGMA**2 / (_SIGMA**2 + _SMOOTH**2)
-    return float(smooth.var() / max(float(left.var()) * of_noise, 1e-9))
+    return float(np.vdot(smooth, smooth) / max(float(np.vdot(left, left)) * of_noise, 1e-9))
 
 
 def similarity(image: Floats, expected: Floats, weights: Floats | None = None) -> float:

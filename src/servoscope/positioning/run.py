@@ -312,6 +312,8 @@ class Run:
         if found := arrival.doubts(self.steps[-1], settings):
             return self._unconfirmed(found) if is_within else None
         caution = arrival.caution(self.steps[-1])
+        if arrival.is_otherwise(self.steps[-1]):
+            return RunEnded("limited", f"As near as the view allows {self._there()}{caution}")
         if is_there:
             return RunEnded("converged", f"Converged {self._there()}{caution}")
         reached = arrival.Reached.of_displacement(estimate.displacement, pivot)
