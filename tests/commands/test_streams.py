@@ -96,7 +96,7 @@ def test_commands_work_without_streams(closed: tuple[int, ...], tmp_path: Path) 
 
     source_with_names(tmp_path, "a.png", "b.png")
     for name in ("a.png", "b.png"):
-        cv2.imwrite(str(tmp_path / name), np.eye(24, dtype=np.uint8))
+        cv2.imwrite(str(tmp_path / name), np.uint8(9 * np.eye(24) * np.arange(5, 29)))
     command = ["import", "folder", str(tmp_path), str(tmp_path / "data")]
     done = subprocess.run(
         [sys.executable, "-m", "servoscope", *command], preexec_fn=close, check=True
