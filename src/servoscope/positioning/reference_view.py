@@ -23,6 +23,7 @@ N_CELLS = 8
 MATCH = 0.7
 """Normalised correlation of a cell that shows what the reference shows there."""
 
+_LEAST_CELL = 3
 _SIGMA = 0.8
 _SMOOTH = 2.0
 _MOSTLY = 0.5
@@ -165,7 +166,7 @@ class _Grid:
     """A grid of cells over images of one shape."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
-        counts = [min(n, N_CELLS) for n in shape]
+        counts = [min(max(n // _LEAST_CELL, 1), N_CELLS) for n in shape]
         self._starts = [np.arange(k) * n // k for n, k in zip(shape, counts, strict=True)]
         self._sizes = [np.diff([*starts, n]) for starts, n in zip(self._starts, shape, strict=True)]
 
