@@ -154,10 +154,10 @@ class Adjustment:
         jacobian = np.empty((len(grey), N_COLUMNS), np.float32)
         by_depth, residuals = np.empty_like(grey), np.empty_like(grey)
         for i, image in enumerate(self.images):
+            gain, offset = state.light_at(i, xy)
             linearise(
                 image, T[i], camera.values, view.aspect, xy, rays, by_camera, depth, grey,
-                view.texture, False, np.append(state.light[i], np.zeros(4)), jacobian, by_depth,
-                residuals,
+                gain, offset, view.slopes, False, jacobian, by_depth, residuals,
             )  # fmt: skip
             chain[MOTION, MOUNT] = turned[i] @ (adjoint(nominal[i]) - np.eye(6))
             chain[MOTION, REFERENCE] = adjoint(T[i])

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.keyframe.camera import CameraModel
-from servoscope.keyframe.levels import BEND, EVEN_LIGHT, N_BLOCKS, PRIOR, Guess, Level
+from servoscope.keyframe.levels import BEND, FAR, N_BLOCKS, PRIOR, Guess, Level
+from servoscope.keyframe.lighting import Light
 from servoscope.keyframe.motion import (
     adjoint,
     conjugate,
@@ -18,21 +19,21 @@ from servoscope.keyframe.motion import (
     logarithm,
 )
 from servoscope.keyframe.views import View, high_pass
-from servoscope.keyframe.warping import MOTION
 from servoscope.poses import displacements_from_poses, inverse_transform, rigid_transform
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 _LEVELS = ((32, 1.0, 10), (64, 0.7, 8), (128, 1.0, 6))
-_STIFFNESS = (1.0, 0.1, 0.0)
-_FULL, _N_FULL, _MOST_PIXELS = 256, 3, 16384
-_NEAR, _FAR = 0.05, 0.01
+_NODES = (2, 3, 8)
+_STIFFNESS = (3.0, 1.0, 1.0)
 _N_STARTS = 5
 _N_COMPARED = 5
 _N_SPREAD = 200
 _ENOUGH = 0.85
 _LEAST_SLOPE = 0.1
+_REGISTRATION = 0.035
+"""Standard deviation of the place of a block of the view beside the middles of pixels, [px]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +54,8 @@ class Alignment:
         Mean correlation of blocks of the image with what the keyframe expects there, 0 to 1.
     share_visible : float
         Share of the keyframe that is within the image.
-    light : ndarray of shape (8,)
-        Gain, offset [grey], slopes of the gain to the right and down, [1 / image width], its
-        curvatures, and defocus: what of the Laplacian of the keyframe is added.
+    light : Light
+        Gain and offset over the view, and defocus.
     """
 
     displacement: Array
@@ -63,7 +63,7 @@ class Alignment:
     covariance: Array
     similarity: float
     share_visible: float
-    light: Array
+    light: Light
 
     @property
     def std(self) -> Array:
@@ -103,20 +103,20 @@ class Aligner:
         self.mount, self.pivot, self.model_error = mount, pivot, model_error
         self._inverse_depth = float(np.median(inverse_depth))
         self.levels = []
-        for (width, sigma, _), stiffness in zip(_LEVELS, _STIFFNESS, strict=True):
+        for (width, sigma, _), k, stiffness in zip(_LEVELS, _NODES, _STIFFNESS, strict=True):
             view = View.of(reference_image, min(width, reference_image.shape[1]), sigma)
             depth, weight = view.resize(inverse_depth), view.resize(trust)
             self.levels.append(
-                Level(view, camera, depth, weight, stiffness, width == _LEVELS[-1][0])
+                Level(view, camera, depth, weight, k, stiffness, width == _LEVELS[-1][0])
             )
         first = self.levels[0]
         grey = high_pass(first.view.grey)
         view = View(grey, first.view.aspect, first.view.sigma)
         self._without_light = Level(
-            view, camera, view.resize(inverse_depth), view.resize(trust), _STIFFNESS[0]
+            view, camera, view.resize(inverse_depth), view.resize(trust), _NODES[0], _STIFFNESS[0]
         )
         twists = logarithm(inverse_transform(conjugate(mount, displacements)))
-        if self._inverse_depth < _FAR:  # translations are not seen: they stay at none
+        if self._inverse_depth < FAR:  # translations are not seen: they stay at none
             twists[:, :3] = 0
         self.starts = _starts(twists)
 
@@ -146,7 +146,7 @@ class Aligner:
         """
         middle, guesses = self.levels[1], []
         if len(starts) == 1:
-            guess = middle.descend(prepared[1], Guess(starts[0], EVEN_LIGHT), _N_COMPARED)
+            guess = middle.descend(prepared[1], middle.start(starts[0]), _N_COMPARED)
             if middle.compare(prepared[1], guess.T)[0] > _ENOUGH:
                 return guess
             guesses.append(guess)
@@ -156,8 +156,8 @@ class Aligner:
         ):
             scores = [level.correlation(image, T) for T in starts]
             for k in np.argsort(scores, kind="stable")[::-1][:n_starts]:
-                coarse = level.descend(image, Guess(starts[k], EVEN_LIGHT), _LEVELS[0][2])
-                guesses.append(Guess(coarse.T, EVEN_LIGHT))
+                coarse = level.descend(image, level.start(starts[k]), _LEVELS[0][2])
+                guesses.append(middle.start(coarse.T))
         found = [middle.descend(prepared[1], guess, _N_COMPARED) for guess in guesses]
         scale = min(middle.scale(prepared[1], guess) for guess in found)
         return min(found, key=lambda guess: middle.cost(prepared[1], guess, scale))
@@ -170,22 +170,29 @@ class Aligner:
     def _covariance(self, level: Level, image: Floats, guess: Guess, displacement: Array) -> Array:
         """Covariance of the displacement about the pivot.
 
-        The sandwich formula with residuals that are correlated inside blocks of the view, and the
-        keyframe's own errors, which grow with the displacement. Robust weights hold less than
-        they say: the slope of what they make of a residual is ``w (1 - 3 u) / (1 + u)``.
+        The sandwich formula with residuals that are correlated inside blocks of the view; errors
+        of registration between pixels, alike inside blocks; and the keyframe's own errors, which
+        grow with the displacement. Robust weights hold less than they say: the slope of what they
+        make of a residual is ``w (1 - 3 u) / (1 + u)``.
         """
         J, r, w, scale = level.linearise(image, guess)
         u = (r / (BEND * scale)) ** 2
         slope = float((w * ((1 - 3 * u) / (1 + u))).sum() / max(float(w.sum()), 1e-12))
-        H = max(slope, _LEAST_SLOPE) * ((J * w[:, None]).T @ J).astype(float)
-        bread = np.linalg.inv(H + np.diag(1 / PRIOR**2))
-        scores = J * (w * r)[:, None]
-        blocks = level.blocks
-        sums = np.stack([np.bincount(blocks, s, N_BLOCKS**2) for s in scores.T], axis=1)
-        meat = sums.T @ sums + np.diag(1 / PRIOR**2)
+        grid = level.grid
+        H, _ = grid.normal_equations(J, r, w, level.laplacian, level.grey, guess.light)
+        alone = grid.without_light(J, level.laplacian, level.grey, H)
+        information = ((alone * w[:, None]).T @ J).astype(float)
+        bread = np.linalg.inv(max(slope, _LEAST_SLOPE) * information + np.diag(1 / PRIOR**2))
+        shift = self.view_shift(guess.T)
+        misplaced = _REGISTRATION * min(1.0, shift * level.camera.f * level.view.width)
+        meat = np.diag(1 / PRIOR**2)
+        for error in (r, *(misplaced / level.view.width * level.slopes.T)):
+            scores = (alone * (w * error)[:, None]).T
+            sums = np.stack([np.bincount(level.blocks, s, N_BLOCKS**2) for s in scores])
+            meat = meat + sums @ sums.T
         by_twist = self.by_twist(displacement)
-        own = by_twist @ (bread @ meat @ bread)[MOTION, MOTION] @ by_twist.T
-        return own + np.diag((self.view_shift(guess.T) * self.model_error) ** 2)
+        own = by_twist @ bread @ meat @ bread @ by_twist.T
+        return np.asarray(own + np.diag((shift * self.model_error) ** 2))
 
     def by_twist(self, displacement: Array) -> Array:
         """Derivative of the displacement about the pivot by a twist before T, shape (6, 6)."""

@@ -22,13 +22,12 @@ from servoscope.keyframe.checks import (
     rigid,
 )
 from servoscope.keyframe.fitting import Known, chosen_images, evenly_spread, fit_state
-from servoscope.keyframe.levels import EVEN_LIGHT, Guess, Level
+from servoscope.keyframe.levels import Level
 from servoscope.keyframe.limit import ViewLimit, cramer_rao, pixel_noise
 from servoscope.keyframe.motion import conjugate
 from servoscope.keyframe.rendering import render_view
 from servoscope.keyframe.state import Priors, observable
 from servoscope.keyframe.views import View
-from servoscope.keyframe.warping import LIGHT, MOTION
 from servoscope.poses import displacements_from_poses, inverse_transform
 from servoscope.processes import one_blas_thread
 
@@ -271,9 +270,10 @@ class Keyframe:
         view = View.of(self.reference_image, self.reference_image.shape[1], 0.5)
         depth = view.resize(self.inverse_depth)
         level = Level(view, self.camera, depth, np.ones_like(depth))
-        J, _, _, _ = level.linearise(view.grey, Guess(np.eye(4), EVEN_LIGHT))
-        by_delta_p = J[:, MOTION] @ np.linalg.inv(self._aligner.by_twist(np.eye(4)))
-        light = J[:, LIGHT][:, :2]
+        J = np.empty((level.used.size, 6))
+        J[level.used] = level.linearise(view.grey, level.start(np.eye(4)))[0]
+        by_delta_p = J @ np.linalg.inv(self._aligner.by_twist(np.eye(4)))
+        light = np.stack([view.grey.ravel(), np.ones(view.grey.size)], axis=1)
         return cramer_rao(np.hstack([by_delta_p, light]), noise, view.shape)
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:

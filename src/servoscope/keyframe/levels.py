@@ -8,17 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.keyframe.camera import CameraModel
+from servoscope.keyframe.lighting import Light, LightGrid
 from servoscope.keyframe.motion import exponential
 from servoscope.keyframe.starts import correlation
 from servoscope.keyframe.views import View
-from servoscope.keyframe.warping import (
-    LIGHT,
-    MOTION,
-    N_ALIGNED,
-    UNSEEN,
-    linearise,
-    sample,
-)
+from servoscope.keyframe.warping import MOTION, N_ALIGNED, UNSEEN, linearise, sample
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -32,15 +26,15 @@ LEAST_SCALE = 0.5
 CUT = 3.0
 """Residuals of this many standard deviations say that something else is seen."""
 
-EVEN_LIGHT = np.array([1.0] + [0.0] * 7)
-
-PRIOR = np.array([0.3] * 3 + [1.0] * 3 + [0.5, 40.0, 0.7, 0.7, 1.0, 1.0, 1.0, 1.0])
-"""Standard deviations before the image is seen: of a displacement, [m] and [rad], of gain,
-offset [grey], slopes and curvatures of the gain, and
-defocus."""
+PRIOR = np.array([0.3] * 3 + [1.0] * 3)
+"""Standard deviations of a displacement before the image is seen, [m] and [rad]."""
 
 N_BLOCKS = 12
 """Blocks along each side of the view, inside which residuals are taken to be correlated."""
+
+_MOST_PIXELS = 10000
+FAR = 0.01
+"""Inverse depth of views that inform rotations alone: translations stay what they are, [1 / m]."""
 
 _LEAST_DEVIATION = 1.0
 _MOST_RANKED = 4096
@@ -64,12 +58,11 @@ class Guess:
     ----------
     T : ndarray of shape (4, 4)
         Reference camera to the image's camera.
-    light : ndarray of shape (8,)
-        As in `warping.LIGHT`.
+    light : Light
     """
 
     T: Array
-    light: Array
+    light: Light
 
 
 class Level:
@@ -82,12 +75,14 @@ class Level:
     inverse_depth : ndarray of shape (height, width), float32
     trust : ndarray of shape (height, width), float32
         Weight of each pixel; those of zero are left out.
-    finest : bool
-        Take every other pixel, and derivatives of the keyframe instead of the image: they are free
-        of the image's noise, but good only near the truth.
+    n_nodes : int
+        Nodes of the light along each side of the view.
     stiffness : float
-        How much of a residual of one standard deviation everywhere a light that is off by one
-        standard deviation counts. Far from the truth, a gain near zero would explain much.
+        By how much light is less uneven than is expected elsewhere: far from the truth, light that
+        bends would explain much.
+    finest : bool
+        Take every other pixel of many, and derivatives of the keyframe instead of the image: they
+        are free of the image's noise, but good only near the truth.
     """
 
     def __init__(
@@ -96,42 +91,51 @@ class Level:
         camera: CameraModel,
         inverse_depth: Floats,
         trust: Floats,
-        stiffness: float = 0.0,
+        n_nodes: int = 2,
+        stiffness: float = 1.0,
         finest: bool = False,
     ) -> None:
-        self.view, self.camera, self.stiffness = view, camera, stiffness
+        self.view, self.camera, self._finest = view, camera, finest
         rows, columns = np.indices(view.shape)
         taken = trust > 0
-        if finest:  # neighbours are alike: every other pixel is nearly as informative
+        if finest and view.grey.size > _MOST_PIXELS:  # neighbours are alike: half is nearly as good
             taken &= (rows + columns) % 2 == 0
-        self.used = np.flatnonzero(taken)
+        used = np.flatnonzero(taken)
+        self.grid = LightGrid(view.points[used], view.aspect, n_nodes, stiffness)
+        self.used = used[self.grid.order]
         rays, by_camera = camera.rays(view.points[self.used])
         self._by_camera = by_camera.astype(np.float32)
-        self._texture, self._finest = view.texture[self.used], finest
+        self.slopes, self.laplacian = view.slopes[self.used], view.laplacian[self.used]
         self._xy = view.points[self.used].astype(np.float32)
         self._rays = rays.astype(np.float32)
         self._depth = inverse_depth.ravel()[self.used].astype(np.float32)
-        self._grey = view.grey.ravel()[self.used]
+        self.grey = view.grey.ravel()[self.used]
         self._trust = trust.ravel()[self.used].astype(np.float32)
         self._values = camera.values
         height, width = view.shape
         blocks = rows * N_BLOCKS // height * N_BLOCKS + columns * N_BLOCKS // width
         self.blocks = blocks.ravel()[self.used]
 
+    def start(self, T: Array) -> Guess:
+        """A guess in the light of the reference."""
+        return Guess(T, Light.even(self.grid.k))
+
     def correlation(self, image: Floats, T: Array) -> float:
         """Correlation of an image with the keyframe as it would be seen."""
         return correlation(
-            image, T, self._values, self.view.aspect, self._rays, self._depth, self._grey
+            image, T, self._values, self.view.aspect, self._rays, self._depth, self.grey
         )
 
     def linearise(self, image: Floats, guess: Guess) -> tuple[Floats, Floats, Floats, float]:
-        """Derivatives (n, 14), residuals, robust inverse variances, and the residuals' scale."""
+        """Derivatives by a twist (n, 6), residuals, robust inverse variances, residuals' scale."""
+        gain, offset = self.grid.at_points(guess.light)
+        offset += np.float32(guess.light.defocus) * self.laplacian
         jacobian = np.empty((len(self.used), N_ALIGNED), np.float32)
-        by_depth, residuals = np.empty_like(self._grey), np.empty_like(self._grey)
+        by_depth, residuals = np.empty_like(self.grey), np.empty_like(self.grey)
         linearise(
             image, guess.T, self._values, self.view.aspect, self._xy, self._rays, self._by_camera,
-            self._depth, self._grey, self._texture,
-            self._finest, guess.light, jacobian, by_depth, residuals,
+            self._depth, self.grey, gain, offset, self.slopes, self._finest,
+            jacobian, by_depth, residuals,
         )  # fmt: skip
         seen = residuals > UNSEEN
         scale = robust_scale(residuals)
@@ -156,29 +160,34 @@ class Level:
         tolerance : float
             A step that moves what is seen by less is the last, [px].
         """
-        width, precision = self.view.width, 1 / PRIOR**2
-        precision[LIGHT] *= 1 + self.stiffness * len(self.used)
+        width = self.view.width
         reach = width * self.camera.f
         depth = float(np.median(self._depth))
+        guess = Guess(guess.T, guess.light.resized(self.grid.k))
         for k in range(n_steps + 1):
-            J, r, w, _ = self.linearise(image, guess)
-            weighted = J * w[:, None]
-            H, g = (weighted.T @ J).astype(float), -(weighted.T @ r).astype(float)
-            g[LIGHT] -= precision[LIGHT] * (guess.light - EVEN_LIGHT)
-            H[np.diag_indices(N_ALIGNED)] += precision
+            H, g = self.normal_equations(image, guess)
             if k == 0:  # light alone: it may be far from even
-                light = guess.light + np.linalg.solve(H[LIGHT, LIGHT], g[LIGHT])
-                guess = Guess(guess.T, light)
+                step = np.linalg.solve(H[6:, 6:], g[6:])
+                guess = Guess(guess.T, guess.light.moved(step))
                 continue
+            if depth < FAR:
+                H[:3], H[:, :3], g[:3] = np.eye(len(H))[:3], np.eye(len(H))[:, :3], 0.0
             step = np.linalg.solve(H, g)
             flow = reach * max(
                 depth * float(np.linalg.norm(step[:3])), float(np.linalg.norm(step[3:6]))
             )
             step *= min(1.0, _LONGEST_STEP * width / max(flow, 1e-9))
-            guess = Guess(exponential(step[MOTION]) @ guess.T, guess.light + step[LIGHT])
+            guess = Guess(exponential(step[MOTION]) @ guess.T, guess.light.moved(step[6:]))
             if flow < tolerance:
                 break
         return guess
+
+    def normal_equations(self, image: Floats, guess: Guess) -> tuple[Array, Array]:
+        """Robust normal equations of a twist, defocus and light."""
+        J, r, w, _ = self.linearise(image, guess)
+        H, g = self.grid.normal_equations(J, r, w, self.laplacian, self.grey, guess.light)
+        H[np.diag_indices(6)] += 1 / PRIOR**2
+        return H, g
 
     def cost(self, image: Floats, guess: Guess, scale: float) -> float:
         """Mean square of residuals in standard deviations, each 1 at most; unseen ones count 1."""
@@ -195,11 +204,11 @@ class Level:
         Blocks count by the deviation of their grey levels; those that are less than half in view
         do not count.
         """
-        grey = np.empty_like(self._grey)
+        grey = np.empty_like(self.grey)
         sample(image, T, self._values, self.view.aspect, self._rays, self._depth, grey)
         seen = grey > UNSEEN
         n = N_BLOCKS**2
-        a, b = np.where(seen, grey, 0), np.where(seen, self._grey, 0)
+        a, b = np.where(seen, grey, 0), np.where(seen, self.grey, 0)
         n_seen = np.bincount(self.blocks, seen, n)
         count = np.maximum(n_seen, 1)
         mean_a, mean_b, aa, bb, ab = (

@@ -20,9 +20,7 @@ factor and slopes of the relief."""
 N_GLOBAL = 20
 
 N_LOCAL = 10
-"""Unknowns of each image: a twist of its pose, and its light but for curvatures of the gain
-and defocus."""
-
+"""Unknowns of each image: a twist of its pose, and its light."""
 
 _SURE = 0.3
 
@@ -92,6 +90,14 @@ class State:
             np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
             np.full((2, 2), inverse_depth),
         )
+
+    def light_at(
+        self, i: int, points: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Gain and offset of image i at points of the reference image, (n,) each."""
+        gain, offset, right, down = self.light[i].astype(np.float32)
+        gains = gain + right * points[:, 0] + down * points[:, 1]
+        return gains, np.full_like(gains, offset)
 
     def transforms(self, displacements: Array) -> Array:
         """Reference camera to each camera, shape (n, 4, 4)."""

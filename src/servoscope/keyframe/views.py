@@ -76,13 +76,18 @@ class View:
         return np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1).reshape(-1, 2)
 
     @cached_property
-    def texture(self) -> Floats:
-        """Slopes to the right and down, [grey / image width], and Laplacian, [grey], (n, 3)."""
+    def slopes(self) -> Floats:
+        """To the right and down, [grey / image width], shape (n, 2)."""
         down, right = np.gradient(self.grey)
         height, width = self.shape
-        bent = cv2.Laplacian(self.grey, cv2.CV_32F, borderType=cv2.BORDER_REPLICATE)
         slopes = right * width, down * height / self.aspect
-        return np.stack([*slopes, bent], axis=-1).reshape(-1, 3).astype(np.float32)
+        return np.stack(slopes, axis=-1).reshape(-1, 2).astype(np.float32)
+
+    @cached_property
+    def laplacian(self) -> Floats:
+        """[grey], shape (n,)."""
+        bent = cv2.Laplacian(self.grey, cv2.CV_32F, borderType=cv2.BORDER_REPLICATE)
+        return np.asarray(bent.ravel(), dtype=np.float32)
 
     def prepare(self, image: NDArray[np.generic]) -> Floats:
         """Another image at this resolution."""

@@ -17,18 +17,17 @@ from servoscope.compiled import compiled
 MOTION = slice(0, 6)
 """Columns of the derivative by a twist before T, ``T <- exp(twist) T``."""
 
-LIGHT = slice(6, 14)
-"""Columns by gain, offset, slopes of the gain to the right and down, its curvatures xx, xy, yy,
-and defocus."""
+LIGHT = slice(6, 10)
+"""Columns by gain, offset, and slopes of the gain to the right and down."""
 
-CAMERA = slice(14, 19)
+CAMERA = slice(10, 15)
 """Columns by ln f, cx, cy, k1, k2."""
 
-RELIEF = slice(19, 22)
+RELIEF = slice(15, 18)
 """Columns by a factor, and slopes to the right and down, of all inverse depths."""
 
-N_COLUMNS = 22
-N_ALIGNED = 14
+N_COLUMNS = 18
+N_ALIGNED = 6
 """Columns that the alignment of one image needs: the first ones."""
 
 UNSEEN = np.float32(-1e6)
@@ -65,7 +64,7 @@ def _look(
     ok = ok and 1.0 + r2 * (3.0 * k1 + 5.0 * k2 * r2) > 0.0
     ok = ok and u >= 0.0 and v >= 0.0 and u < width - 1.0 and v < height - 1.0
     if not ok:
-        return False, 0.0, 0.0, 0.0, X, Y, Z, iz, px, py, r2, d
+        return False, 0.0, 0.0, 0.0, X, Y, Z, iz, px, py, r2, d, u, v
     column, row = int(u), int(v)
     a, b = u - column, v - row
     i00, i01 = image[row, column], image[row, column + 1]
@@ -73,7 +72,28 @@ def _look(
     top, bottom = i00 + a * (i01 - i00), i10 + a * (i11 - i10)
     gx = ((i01 - i00) * (1.0 - b) + (i11 - i10) * b) * width
     gy = (bottom - top) * height / aspect
-    return True, top + b * (bottom - top), gx, gy, X, Y, Z, iz, px, py, r2, d
+    return True, top + b * (bottom - top), gx, gy, X, Y, Z, iz, px, py, r2, d, u, v
+
+
+@compiled(fastmath=True, error_model="numpy", inline="always")
+def _cubic(image: NDArray[Any], u: float, v: float) -> float:
+    """Grey level between pixels by the cubic convolution of Keys (a = -1/2)."""
+    height, width = image.shape
+    column, row = int(u), int(v)
+    a, b = u - column, v - row
+    a0, a1 = a * (a * (1.0 - 0.5 * a) - 0.5), 1.0 + a * a * (1.5 * a - 2.5)
+    a2, a3 = a * (0.5 + a * (2.0 - 1.5 * a)), a * a * (0.5 * a - 0.5)
+    b0, b1 = b * (b * (1.0 - 0.5 * b) - 0.5), 1.0 + b * b * (1.5 * b - 2.5)
+    b2, b3 = b * (0.5 + b * (2.0 - 1.5 * b)), b * b * (0.5 * b - 0.5)
+    before, last = max(column - 1, 0), min(column + 2, width - 1)
+    grey = 0.0
+    for k in range(4):
+        line = image[min(max(row - 1 + k, 0), height - 1)]
+        weight = b0 if k == 0 else b1 if k == 1 else b2 if k == 2 else b3
+        grey += weight * (
+            a0 * line[before] + a1 * line[column] + a2 * line[column + 1] + a3 * line[last]
+        )
+    return grey
 
 
 @compiled(fastmath=True, error_model="numpy")
@@ -132,18 +152,18 @@ def linearise(
     by_camera: NDArray[Any],
     inverse_depth: NDArray[Any],
     reference: NDArray[Any],
-    texture: NDArray[Any],
+    gain: NDArray[Any],
+    offset: NDArray[Any],
+    slopes: NDArray[Any],
     carries: bool,
-    light: NDArray[Any],
     jacobian: NDArray[Any],
     by_depth: NDArray[Any],
     residuals: NDArray[Any],
 ) -> int:
     """Residuals of one image at the points of the reference, and their derivatives.
 
-    The residual is ``I(u) - g(x, y) I_ref - o - b laplacian(I_ref)`` with a gain that
-    is a polynomial of the second degree. As many columns are written as
-    `jacobian` has; rows of points that are not seen, or saturated and expected to be, are zero.
+    The residual is ``I(u) - gain I_ref - offset``. As many columns are written as `jacobian` has;
+    rows of points that are not seen, or saturated and expected to be, are zero.
 
     Parameters
     ----------
@@ -158,15 +178,16 @@ def linearise(
         Where the points are in the reference image, and their rays.
     by_camera : array of shape (n, 2, 5), float32
     inverse_depth, reference : arrays of shape (n,), float32
-    texture : array of shape (n, 3), float32
-        Gradient, [grey / image width], and Laplacian, [grey], of the reference image at the points.
+    gain, offset : arrays of shape (n,), float32
+        Of the light at the points.
+    slopes : array of shape (n, 2), float32
+        Gradient of the reference image at the points, [grey / image width]; used if `carries`.
     carries : bool
         Take derivatives of the reference image, carried to where its points are seen, instead of
-        the image, whose noise would otherwise be in both derivatives and residuals.
-    light : array of shape (8,)
-        Of the gain its constant; the offset; of the gain x, y, xx, xy and yy; defocus.
+        the image, whose noise would otherwise be in both derivatives and residuals; and grey
+        levels between pixels by cubic convolution.
     jacobian : array of shape (n, columns), float32
-        Written: derivatives by `MOTION`, `LIGHT`, and, if it is that wide, `CAMERA` and `RELIEF`.
+        Written: derivatives by `MOTION`, and, if it is that wide, `LIGHT`, `CAMERA` and `RELIEF`.
     by_depth, residuals : arrays of shape (n,), float32
         Written: the derivative by the inverse depth, and the residual.
 
@@ -179,25 +200,26 @@ def linearise(
     n_seen = 0
     for i in range(rays.shape[0]):
         x, y, q = rays[i, 0], rays[i, 1], inverse_depth[i]
-        ok, grey, gx, gy, X, Y, Z, iz, px, py, r2, d = _look(image, T, camera, aspect, x, y, q)
+        ok, grey, gx, gy, X, Y, Z, iz, px, py, r2, d, u, v = _look(
+            image, T, camera, aspect, x, y, q
+        )
         if not ok:
             jacobian[i] = 0.0
             by_depth[i] = 0.0
             residuals[i] = UNSEEN
             continue
         n_seen += 1
-        xi, yi, expected = points[i, 0], points[i, 1], reference[i]
-        gain = light[0] + xi * (light[2] + light[4] * xi + light[5] * yi)
-        gain += yi * (light[3] + light[6] * yi)
-        residuals[i] = grey - gain * expected - light[1] - light[7] * texture[i, 2]
+        if carries:
+            grey = _cubic(image, u, v)
+        residuals[i] = grey - gain[i] * reference[i] - offset[i]
         if grey > _SATURATED and residuals[i] < 0.0:
             jacobian[i] = 0.0
             by_depth[i] = residuals[i] = 0.0
             continue
         bent = 2.0 * (k1 + 2.0 * k2 * r2)
         if carries:
-            gx, gy = _carried(texture[i], T, by_camera[i], f, d, bent, px, py, iz)
-            gx, gy = gain * gx, gain * gy
+            gx, gy = _carried(slopes[i], T, by_camera[i], f, d, bent, px, py, iz)
+            gx, gy = gain[i] * gx, gain[i] * gy
         along = gx * px + gy * py
         hx = f * (d * gx + bent * along * px) * iz
         hy = f * (d * gy + bent * along * py) * iz
@@ -206,24 +228,21 @@ def linearise(
         jacobian[i, 3] = Y * hz - Z * hy
         jacobian[i, 4] = Z * hx - X * hz
         jacobian[i, 5] = X * hy - Y * hx
-        jacobian[i, 6], jacobian[i, 7] = -expected, -1.0
-        jacobian[i, 8], jacobian[i, 9] = -expected * xi, -expected * yi
-        jacobian[i, 10] = -expected * xi * xi
-        jacobian[i, 11] = -expected * xi * yi
-        jacobian[i, 12] = -expected * yi * yi
-        jacobian[i, 13] = -texture[i, 2]
         depth_slope = hx * T[0, 3] + hy * T[1, 3] + hz * T[2, 3]
         by_depth[i] = depth_slope
         if n_columns > N_ALIGNED:
+            expected, xi, yi = reference[i], points[i, 0], points[i, 1]
+            jacobian[i, 6], jacobian[i, 7] = -expected, -1.0
+            jacobian[i, 8], jacobian[i, 9] = -expected * xi, -expected * yi
             ax = T[0, 0] * hx + T[1, 0] * hy + T[2, 0] * hz
             ay = T[0, 1] * hx + T[1, 1] * hy + T[2, 1] * hz
             for j in range(5):
-                jacobian[i, 14 + j] = ax * by_camera[i, 0, j] + ay * by_camera[i, 1, j]
-            jacobian[i, 14] += f * d * along
-            jacobian[i, 15] += gx
-            jacobian[i, 16] += gy
-            jacobian[i, 17] += f * r2 * along
-            jacobian[i, 18] += f * r2 * r2 * along
-            jacobian[i, 19] = depth_slope * q
-            jacobian[i, 20], jacobian[i, 21] = depth_slope * xi, depth_slope * yi
+                jacobian[i, 10 + j] = ax * by_camera[i, 0, j] + ay * by_camera[i, 1, j]
+            jacobian[i, 10] += f * d * along
+            jacobian[i, 11] += gx
+            jacobian[i, 12] += gy
+            jacobian[i, 13] += f * r2 * along
+            jacobian[i, 14] += f * r2 * r2 * along
+            jacobian[i, 15] = depth_slope * q
+            jacobian[i, 16], jacobian[i, 17] = depth_slope * xi, depth_slope * yi
     return n_seen

@@ -1,0 +1,232 @@
+"""Light that differs from that of the reference: a gain and an offset that vary smoothly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.compiled import compiled
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+N_POSE = 7
+"""Unknowns before those of the light: a twist, and defocus."""
+
+_GAIN, _OFFSET = 0.1, 8.0
+"""Standard deviations of the difference between neighbouring nodes, of gain and offset [grey]."""
+
+_ANY_GAIN, _ANY_OFFSET = 3.0, 100.0
+"""The same of what all nodes share."""
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """Gain and offset over the view, between nodes of a square grid as straight lines.
+
+    Parameters
+    ----------
+    nodes : ndarray of shape (2, k, k)
+        Gain, and offset [grey], at k by k nodes from corner to corner of the reference image.
+    defocus : float
+        How much of the Laplacian of the reference image is added.
+    """
+
+    nodes: Array
+    defocus: float = 0.0
+
+    @classmethod
+    def even(cls, k: int) -> Light:
+        """That of the reference."""
+        return cls(np.stack([np.ones((k, k)), np.zeros((k, k))]))
+
+    def resized(self, k: int) -> Light:
+        """The same light at k by k nodes."""
+        before = np.linspace(0, 1, self.nodes.shape[1])
+        hats = np.array([np.interp(np.linspace(0, 1, k), before, e) for e in np.eye(len(before))])
+        return Light(hats.T @ self.nodes @ hats, self.defocus)
+
+    def moved(self, step: NDArray[np.floating]) -> Light:
+        """After a step of defocus and all nodes."""
+        nodes = self.nodes + step[1:].reshape(self.nodes.shape)
+        return Light(nodes, self.defocus + float(step[0]))
+
+
+class LightGrid:
+    """The nodes that each point of the reference image lies between.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, 2)
+        [image widths] from the middle.
+    aspect : float
+        Height over width of the image.
+    k : int
+        Nodes along each side, two or more.
+    stiffness : float
+        By how much light is less uneven than is expected elsewhere.
+
+    Attributes
+    ----------
+    order : ndarray of shape (n,)
+        The order that all other arrays of points are in, and are expected in: cell by cell.
+    """
+
+    def __init__(self, points: Array, aspect: float, k: int, stiffness: float = 1.0) -> None:
+        self.k = k
+        at = (points / [1.0, aspect] + 0.5).clip(0, 1) * (k - 1)
+        corner = np.minimum(at.astype(int), k - 2)
+        cell = corner[:, 1] * (k - 1) + corner[:, 0]
+        self.order = np.argsort(cell, kind="stable")
+        self.starts = np.searchsorted(cell[self.order], np.arange((k - 1) ** 2 + 1))
+        u, v = (at - corner)[self.order].T
+        shares = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
+        self.shares = shares.astype(np.float32)
+        row, column = np.divmod(np.arange((k - 1) ** 2), k - 1)
+        first = row * k + column
+        self.nodes = np.stack([first, first + 1, first + k, first + k + 1], axis=1)
+        self.precision = stiffness**2 * np.stack([_rough(k, _GAIN), _rough(k, _OFFSET)])
+        self.precision += np.array([_ANY_GAIN, _ANY_OFFSET])[:, None, None] ** -2.0 / k**4
+
+    def at_points(self, light: Light) -> tuple[Floats, Floats]:
+        """Gain and offset at each point, (n,) each."""
+        fields = np.zeros((2, len(self.order)), np.float32)
+        _add_field(light.nodes.reshape(2, -1), self.shares, self.starts, self.nodes, fields)
+        return fields[0], fields[1]
+
+    def normal_equations(
+        self,
+        jacobian: Floats,
+        residuals: Floats,
+        weights: Floats,
+        laplacian: Floats,
+        grey: Floats,
+        light: Light,
+    ) -> tuple[Array, Array]:
+        """Of twist, defocus, gains and offsets; the light's prior is in them."""
+        n = N_POSE + 2 * self.k**2
+        H, g = np.zeros((n, n)), np.zeros(n)
+        _accumulate(
+            jacobian,
+            residuals,
+            weights,
+            laplacian,
+            grey,
+            self.shares,
+            self.starts,
+            self.nodes,
+            H,
+            g,
+        )
+        H += np.tril(H, -1).T
+        H[N_POSE - 1, N_POSE - 1] += 1.0
+        g[N_POSE - 1] -= light.defocus
+        uneven = light.nodes - Light.even(self.k).nodes
+        for i, (P, off) in enumerate(zip(self.precision, uneven, strict=True)):
+            own = slice(N_POSE + i * self.k**2, N_POSE + (i + 1) * self.k**2)
+            H[own, own] += P
+            g[own] -= P @ off.ravel()
+        return H, g
+
+    def without_light(self, jacobian: Floats, laplacian: Floats, grey: Floats, H: Array) -> Floats:
+        """Derivatives by the twist less what light and defocus make alike, (n, 6).
+
+        With H the normal equations of all, what light and defocus do for a step of the twist is
+        ``-inv(H_ll) H_lm``.
+        """
+        follows = np.linalg.solve(H[6:, 6:], H[6:, :6])
+        nodes = follows[1:].reshape(2, self.k**2, 6).transpose(0, 2, 1).reshape(12, -1)
+        fields = np.zeros((12, len(self.order)), np.float32)
+        _add_field(np.ascontiguousarray(nodes), self.shares, self.starts, self.nodes, fields)
+        made = grey * fields[:6] + fields[6:] + np.outer(follows[0], laplacian).astype(np.float32)
+        return np.asarray(jacobian + made.T)
+
+
+def _rough(k: int, deviation: float) -> Array:
+    """Precision of k by k nodes whose neighbours differ by a standard deviation."""
+    D = np.diff(np.eye(k), axis=0)
+    line = D.T @ D
+    return (np.kron(line, np.eye(k)) + np.kron(np.eye(k), line)) / deviation**2
+
+
+@compiled(fastmath=True, error_model="numpy")
+def _add_field(
+    values: NDArray[Any],
+    shares: NDArray[Any],
+    starts: NDArray[Any],
+    nodes: NDArray[Any],
+    fields: NDArray[Any],
+) -> None:
+    """Add to `fields` (m, n) what values at nodes (m, n_nodes) are at the points."""
+    for j in range(values.shape[0]):
+        for cell in range(starts.shape[0] - 1):
+            a, b = values[j, nodes[cell, 0]], values[j, nodes[cell, 1]]
+            c, d = values[j, nodes[cell, 2]], values[j, nodes[cell, 3]]
+            for i in range(starts[cell], starts[cell + 1]):
+                fields[j, i] += (
+                    a * shares[i, 0] + b * shares[i, 1] + c * shares[i, 2] + d * shares[i, 3]
+                )
+
+
+@compiled(fastmath=True, error_model="numpy")
+def _accumulate(
+    jacobian: NDArray[Any],
+    residuals: NDArray[Any],
+    weights: NDArray[Any],
+    laplacian: NDArray[Any],
+    grey: NDArray[Any],
+    shares: NDArray[Any],
+    starts: NDArray[Any],
+    nodes: NDArray[Any],
+    H: NDArray[Any],
+    g: NDArray[Any],
+) -> None:
+    """Add to the lower half of H, and to g, what the points contribute, cell by cell.
+
+    Parameters
+    ----------
+    jacobian : array of shape (n, 6)
+    residuals, weights, laplacian, grey : arrays of shape (n,)
+    shares : array of shape (n, 4)
+        Of each node of its cell in a point.
+    starts : array of shape (n_cells + 1,)
+        Where the points of each cell begin.
+    nodes : array of shape (n_cells, 4)
+    H : array of shape (7 + 2 * n_nodes, 7 + 2 * n_nodes)
+    g : array of shape (7 + 2 * n_nodes,)
+    """
+    n_nodes = (H.shape[0] - 7) // 2
+    row = np.empty(15, np.float32)
+    at = np.empty(15, np.int64)
+    block = np.empty((15, 15), np.float32)
+    slope = np.empty(15, np.float32)
+    for j in range(7):
+        at[j] = j
+    for cell in range(starts.shape[0] - 1):
+        block[:] = 0.0
+        slope[:] = 0.0
+        for i in range(starts[cell], starts[cell + 1]):
+            w = weights[i]
+            if w == 0.0:
+                continue
+            for j in range(6):
+                row[j] = jacobian[i, j]
+            row[6] = -laplacian[i]
+            for j in range(4):
+                row[7 + j] = -grey[i] * shares[i, j]
+                row[11 + j] = -shares[i, j]
+            for j in range(15):
+                wj = w * row[j]
+                slope[j] -= wj * residuals[i]
+                for k in range(j + 1):
+                    block[j, k] += wj * row[k]
+        for j in range(4):
+            at[7 + j] = 7 + nodes[cell, j]
+            at[11 + j] = 7 + n_nodes + nodes[cell, j]
+        for j in range(15):
+            g[at[j]] += slope[j]
+            for k in range(j + 1):
+                H[at[j], at[k]] += block[j, k]
