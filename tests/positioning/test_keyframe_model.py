@@ -10,8 +10,10 @@ from planar_cell import SIZE, T_WORLD_REF, Cell
 from planar_model import T_FLANGE_CAM, FlangeCell
 from servoscope.dataset import PoseImageSet
 from servoscope.errors import DataSetError, ModelError
-from servoscope.poses import pose_error
+from servoscope.poses import displacements_from_poses, pose_error
 from servoscope.positioning import KeyframeModel, Positioner, PositioningModel, train
+from servoscope.positioning.disturbances import Disturbances
+from servoscope.positioning.keyframe_model import error_shares
 from servoscope.positioning.model_folder import read_model, write_model
 
 N_IMAGES = 30
@@ -59,6 +61,42 @@ def test_the_camera_arrives_from_the_range_with_its_mount_unknown(model) -> None
 
 
 @pytest.mark.slow
+def test_first_guesses_bear_covering_noise_and_another_light(model) -> None:
+    rng = np.random.default_rng(5)
+    starts = 0.4 * draw(20, 11)
+    truth = np.concatenate(
+        [
+            displacements_from_poses(FlangeCell.T_WORLD_REF, FlangeCell(p).pose[None], model.pivot)
+            for p in starts
+        ]
+    )
+    for disturbances in (
+        Disturbances.only(covering=0.2),
+        Disturbances.only(light=0.3),
+        Disturbances.only(noise=10.0, gain=0.8),
+    ):
+        images = [disturbances.disturb(FlangeCell(p, noise=1.0).read(), rng) for p in starts]
+        guesses = [
+            displacements_from_poses(np.eye(4), model.first_guess(image), model.pivot).mean(axis=0)
+            for image in images
+        ]
+        assert error_shares(np.array(guesses) - truth, truth).mean() < 0.8
+
+
+@pytest.mark.slow
+def test_the_camera_arrives_with_a_fifth_of_the_view_covered(model) -> None:
+    for k, p in enumerate(0.6 * draw(8, 8)):
+        cell = FlangeCell(p, noise=1.0)
+        read, covering = cell.read, Disturbances.only(covering=0.2)
+        cell.read = lambda k=k, read=read: covering.disturb(read(), np.random.default_rng(k))
+        result = Positioner(model).run(cell, cell)
+        distance, angle = pose_error(T_WORLD_REF, cell.pose @ T_FLANGE_CAM)
+        assert result.status in ("converged", "limited"), result.message
+        assert distance < 2e-3
+        assert angle < np.radians(0.2)
+
+
+@pytest.mark.slow
 def test_another_part_is_refused_before_a_move_is_made(model) -> None:
     for seed in range(20, 32):
         cell = Cell(0.3 * RANGES)
@@ -81,7 +119,7 @@ def test_a_saved_model_reads_the_same(model, tmp_path) -> None:
         write_model(tmp_path / "model", broken, arrays, force=True)
         with pytest.raises(ModelError):
             PositioningModel.load(tmp_path / "model")
-    del arrays["mount"]
+    del arrays["keyframe/mount"]
     write_model(tmp_path / "model", header, arrays, force=True)
     with pytest.raises(ModelError):
         PositioningModel.load(tmp_path / "model")

@@ -18,7 +18,7 @@ from servoscope.keyframe.motion import (
     exponential,
     logarithm,
 )
-from servoscope.keyframe.views import View, high_pass
+from servoscope.keyframe.views import View, evened
 from servoscope.poses import displacements_from_poses, inverse_transform, rigid_transform
 
 Array = NDArray[np.float64]
@@ -26,9 +26,12 @@ Floats = NDArray[np.float32]
 
 _LEVELS = ((32, 1.0, 10), (64, 0.7, 8), (128, 1.0, 6))
 _NODES = (2, 3, 8)
+_NODE_PX = 16
+"""Nodes of the light are no nearer, [px]."""
+
 _STIFFNESS = (3.0, 1.0, 1.0)
 _N_STARTS = 5
-_N_COMPARED = 5
+_N_COMPARED, _N_GUESSED = 5, 10
 _N_SPREAD = 200
 _ENOUGH = 0.85
 _LEAST_SLOPE = 0.1
@@ -106,13 +109,14 @@ class Aligner:
         for (width, sigma, _), k, stiffness in zip(_LEVELS, _NODES, _STIFFNESS, strict=True):
             view = View.of(reference_image, min(width, reference_image.shape[1]), sigma)
             depth, weight = view.resize(inverse_depth), view.resize(trust)
+            k = max(2, min(k, round(np.sqrt(view.grey.size) / _NODE_PX)))
             self.levels.append(
                 Level(view, camera, depth, weight, k, stiffness, width == _LEVELS[-1][0])
             )
         first = self.levels[0]
-        grey = high_pass(first.view.grey)
+        grey = evened(first.view.grey)
         view = View(grey, first.view.aspect, first.view.sigma)
-        self._without_light = Level(
+        self._evened = Level(
             view, camera, view.resize(inverse_depth), view.resize(trust), _NODES[0], _STIFFNESS[0]
         )
         twists = logarithm(inverse_transform(conjugate(mount, displacements)))
@@ -120,14 +124,13 @@ class Aligner:
             twists[:, :3] = 0
         self.starts = _starts(twists)
 
-    def align(self, image: NDArray[np.uint8], start: Array | None) -> Alignment:
+    def align(self, image: NDArray[np.uint8], starts: Array | None) -> Alignment:
         """See `Keyframe.align`."""
         prepared = [level.view.prepare(image) for level in self.levels]
-        if start is None:
-            starts, n_starts = self.starts, _N_STARTS
+        if starts is None:
+            guess = self._best(prepared, self._screened(prepared, self.starts, _N_STARTS))
         else:
-            starts, n_starts = [inverse_transform(conjugate(self.mount, start))], 1
-        guess = self._best(prepared, starts, n_starts)
+            guess = self._from(prepared, list(inverse_transform(conjugate(self.mount, starts))))
         for level, grey, (_, _, n_steps) in zip(
             self.levels[1:], prepared[1:], _LEVELS[1:], strict=True
         ):
@@ -138,26 +141,37 @@ class Aligner:
         covariance = self._covariance(level, grey, guess, displacement)
         return Alignment(displacement, delta_p, covariance, similarity, share_visible, guess.light)
 
-    def _best(self, prepared: Sequence[Floats], starts: Sequence[Array], n_starts: int) -> Guess:
-        """The guess that explains an image best, of those that several starts lead to.
+    def _from(self, prepared: Sequence[Floats], starts: Sequence[Array]) -> Guess:
+        """The guess that explains an image best, of those that first guesses lead to.
 
-        From a single start the coarsest resolution is left out as well: what covers a part of the
-        view, or lights it otherwise, misleads there.
+        The coarsest resolution is left out: what covers a part of the view, or lights it
+        otherwise, misleads there. Only if none of them is enough does a single one go through it.
         """
         middle, guesses = self.levels[1], []
-        if len(starts) == 1:
-            guess = middle.descend(prepared[1], middle.start(starts[0]), _N_COMPARED)
+        for T in starts:
+            guess = middle.descend(prepared[1], middle.start(T), _N_GUESSED)
             if middle.compare(prepared[1], guess.T)[0] > _ENOUGH:
                 return guess
             guesses.append(guess)
-        for level, image in (
-            (self.levels[0], prepared[0]),
-            (self._without_light, high_pass(prepared[0])),
-        ):
+        if len(starts) == 1:
+            guesses += self._screened(prepared, starts, 1)
+        return self._best(prepared, guesses)
+
+    def _screened(
+        self, prepared: Sequence[Floats], starts: Sequence[Array], n_starts: int
+    ) -> list[Guess]:
+        """Where the starts that correlate best lead to at the coarsest resolution."""
+        middle, guesses = self.levels[1], []
+        for level, image in ((self.levels[0], prepared[0]), (self._evened, evened(prepared[0]))):
             scores = [level.correlation(image, T) for T in starts]
             for k in np.argsort(scores, kind="stable")[::-1][:n_starts]:
                 coarse = level.descend(image, level.start(starts[k]), _LEVELS[0][2])
                 guesses.append(middle.start(coarse.T))
+        return guesses
+
+    def _best(self, prepared: Sequence[Floats], guesses: Sequence[Guess]) -> Guess:
+        """The guess that explains an image best, each followed at the middle resolution."""
+        middle = self.levels[1]
         found = [middle.descend(prepared[1], guess, _N_COMPARED) for guess in guesses]
         scale = min(middle.scale(prepared[1], guess) for guess in found)
         return min(found, key=lambda guess: middle.cost(prepared[1], guess, scale))

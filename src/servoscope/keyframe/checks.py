@@ -63,6 +63,14 @@ def rigid(name: str, T: ArrayLike, shape: tuple[int, ...] = (4, 4)) -> Array:
     return array
 
 
+def rigid_stack(name: str, T: ArrayLike) -> Array:
+    """One rigid transform or more as an array of shape (n, 4, 4)."""
+    array = as_numbers(T, name)
+    if array.ndim == 3:
+        return rigid(name, array, (max(1, len(array)), 4, 4))
+    return rigid(name, array)[None]
+
+
 def check_numbers(pivot: float, distance: float, pose_noise: tuple[float, float]) -> None:
     """Raise InvalidInputError unless the numbers are in their ranges."""
     if not _is_number(pivot) or not np.isfinite(pivot):

@@ -20,12 +20,13 @@ from servoscope.keyframe.checks import (
     check_numbers,
     checked_noise,
     rigid,
+    rigid_stack,
 )
 from servoscope.keyframe.fitting import Known, chosen_images, evenly_spread, fit_state
 from servoscope.keyframe.levels import Level
 from servoscope.keyframe.limit import ViewLimit, cramer_rao, pixel_noise
 from servoscope.keyframe.motion import conjugate
-from servoscope.keyframe.rendering import render_view
+from servoscope.keyframe.rendering import Renderer
 from servoscope.keyframe.state import Priors, observable
 from servoscope.keyframe.views import View
 from servoscope.poses import displacements_from_poses, inverse_transform
@@ -189,7 +190,7 @@ class Keyframe:
         squares = []
         for k in evenly_spread(outer, MOST_READ):
             D = self.displacements[k]
-            found = self._aligner.align(images[k], D)
+            found = self._aligner.align(images[k], D[None])
             (reported,) = displacements_from_poses(np.eye(4), D[None], self.pivot)
             shift = self._aligner.view_shift(conjugate(self.mount, D))
             beyond = (found.delta_p - reported) ** 2 - np.diag(found.covariance)
@@ -208,6 +209,10 @@ class Keyframe:
             self.displacements, self.pivot, self.model_error,
         )  # fmt: skip
 
+    @cached_property
+    def _renderers(self) -> dict[int, Renderer]:
+        return {}
+
     def align(self, image: NDArray[np.uint8], start: ArrayLike | None = None) -> Alignment:
         """Where an image was taken.
 
@@ -215,9 +220,9 @@ class Keyframe:
         ----------
         image : ndarray of shape (height, width), uint8
             As large as the reference image.
-        start : array of shape (4, 4), optional
-            A first guess of the displacement. Without it the displacements of the fitted images
-            are tried.
+        start : array of shape (4, 4) or (n, 4, 4), optional
+            First guesses of the displacement, the best first. Without any the displacements of
+            the fitted images are tried.
 
         Returns
         -------
@@ -229,7 +234,7 @@ class Keyframe:
             If the image is not as large as the reference image, or the start is not rigid.
         """
         check_like(image, self.reference_image)
-        return self._aligner.align(image, None if start is None else rigid("start", start))
+        return self._aligner.align(image, None if start is None else rigid_stack("start", start))
 
     def render(
         self, displacement: ArrayLike, width: int | None = None
@@ -250,9 +255,11 @@ class Keyframe:
             False where the reference image does not show what would be seen; the image is 0 there.
         """
         width = width or self.reference_image.shape[1]
-        view = View.of(self.reference_image, width, 0.0)
+        if width not in self._renderers:
+            view = View.of(self.reference_image, width, 0.0)
+            self._renderers[width] = Renderer(view, self.camera, self.inverse_depth)
         T = inverse_transform(conjugate(self.mount, rigid("displacement", displacement)))
-        return render_view(view, self.camera, self.inverse_depth, T)
+        return self._renderers[width](T)
 
     def limit(self, noise: float | None = None) -> ViewLimit:
         """How accurate one look at the reference can be at best, from its interaction matrix.

@@ -16,10 +16,8 @@ JUMP = 0.03
 """Neighbours whose inverse depths differ by a larger share belong to different surfaces."""
 
 
-def render_view(
-    view: View, camera: CameraModel, inverse_depth: NDArray[np.float32], T: NDArray[np.float64]
-) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """What is seen after a motion of the camera, and where that is known.
+class Renderer:
+    """Shows the reference view, at one width, from elsewhere.
 
     Parameters
     ----------
@@ -28,17 +26,41 @@ def render_view(
     camera : CameraModel
     inverse_depth : ndarray, float32
         Over the reference image, of any resolution. Single pixels that stand out are left out.
-    T : ndarray of shape (4, 4)
-        Reference camera to this camera.
     """
-    depth = view.resize(cv2.medianBlur(inverse_depth, 5)).astype(float)
-    rays, _ = camera.rays(view.points)
-    seen = np.empty((len(rays), 3))
-    project(T, camera.values, view.aspect, rays, depth.ravel(), seen)
-    image, nearness = np.zeros(view.shape), np.zeros(view.shape)
-    mesh = seen.reshape(*view.shape, 3)
-    draw(view.grey.astype(float), mesh, depth, view.aspect, JUMP, image, nearness)
-    return np.rint(image.clip(0, 255)).astype(np.uint8), nearness > 0
+
+    def __init__(self, view: View, camera: CameraModel, inverse_depth: NDArray[np.float32]) -> None:
+        self._camera, self._aspect = camera.values, view.aspect
+        self._depth = view.resize(cv2.medianBlur(inverse_depth, 5)).astype(float)
+        self._rays, _ = camera.rays(view.points)
+        self._grey = view.grey.astype(float)
+
+    def __call__(self, T: NDArray[np.float64]) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+        """What is seen after a motion of the camera, and where that is known.
+
+        Parameters
+        ----------
+        T : ndarray of shape (4, 4)
+            Reference camera to this camera.
+        """
+        shape = self._grey.shape
+        mesh = np.empty((*shape, 3))
+        flat = mesh.reshape(-1, 3)
+        project(T, self._camera, self._aspect, self._rays, self._depth.ravel(), flat)
+        image, nearness = np.zeros(shape), np.zeros(shape)
+        draw(self._grey, mesh, self._depth, self._aspect, JUMP, image, nearness)
+        return np.rint(image.clip(0, 255)).astype(np.uint8), nearness > 0
+
+
+def continued(image: NDArray[np.uint8], known: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """The image with what is not known filled by means of what is known nearby."""
+    if known.all():
+        return image
+    sigma = 0.1 * image.shape[1]
+    shares = cv2.GaussianBlur(known.astype(np.float32), (0, 0), sigma)
+    means = cv2.GaussianBlur(np.where(known, image, 0).astype(np.float32), (0, 0), sigma)
+    far = float(image[known].mean()) if known.any() else 0.0
+    means = np.where(shares > 1e-3, means / np.maximum(shares, 1e-3), far)
+    return np.where(known, image, np.rint(means).clip(0, 255)).astype(np.uint8)
 
 
 @compiled(error_model="numpy")

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
 
+_FAINT = 8.0
+"""Deviation that is small beside noise and shades, [grey]."""
+
 
 def prepare(image: NDArray[np.generic], width: int, sigma: float) -> Floats:
     """The image at a width, its height in proportion, blurred by `sigma` of the new pixels."""
@@ -24,11 +27,17 @@ def prepare(image: NDArray[np.generic], width: int, sigma: float) -> Floats:
     return np.ascontiguousarray(grey)
 
 
-def high_pass(grey: Floats, share: float = 0.15) -> Floats:
-    """What is finer than a share of the width: free of light that varies slowly."""
+def evened(grey: Floats, share: float = 0.1) -> Floats:
+    """What is finer than a share of the width, in units of its deviation nearby.
+
+    It is free of light that varies slowly, and bounded, so that what covers a part of the view
+    changes no more than that part. As large as grey levels: two deviations are 60.
+    """
     sigma = share * grey.shape[1]
-    coarse = cv2.GaussianBlur(grey, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
-    return np.asarray(grey - coarse, dtype=np.float32)
+    fine = grey - cv2.GaussianBlur(grey, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+    square = cv2.GaussianBlur(fine * fine, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+    ratio = fine / (np.sqrt(square) + np.float32(_FAINT))
+    return np.asarray(30 * ratio.clip(-2, 2), dtype=np.float32)
 
 
 def level_height(shape: tuple[int, ...], width: int) -> int:

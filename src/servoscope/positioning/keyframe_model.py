@@ -13,7 +13,8 @@ from servoscope.dataset import PoseImageSet
 from servoscope.errors import DataSetError, InvalidInputError
 from servoscope.features.shrinking import shrink
 from servoscope.keyframe import Alignment, Keyframe, held_out_looks
-from servoscope.poses import DISPLAY_FACTORS, DOFS
+from servoscope.poses import DISPLAY_FACTORS, DOFS, inverse_transform
+from servoscope.positioning.first_guess import FirstGuess
 from servoscope.positioning.interfaces import Array, Estimate, Image
 from servoscope.positioning.model_folder import Folder, write_model
 from servoscope.positioning.reference_view import SIZE, similarity
@@ -28,7 +29,7 @@ _MOST_IMAGES = 90
 _FARTHEST = 1.5
 """Shares of the reach beyond which nothing is read."""
 
-_ALIKE = 0.75
+_ALIKE, _CLEARLY_ALIKE = 0.75, 0.85
 _N_GROUPS = 3
 
 
@@ -39,6 +40,8 @@ class KeyframeModel:
     Parameters
     ----------
     keyframe : Keyframe
+    first_guess : FirstGuess
+        Where the search begins.
     reach : ndarray of shape (6,)
         Largest displacements about the pivot that it was fitted to, [m] and [rad].
     trained_on : dict
@@ -48,6 +51,7 @@ class KeyframeModel:
     """
 
     keyframe: Keyframe
+    first_guess: FirstGuess
     reach: Array
     trained_on: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
@@ -99,9 +103,12 @@ class KeyframeModel:
             looks = held_out_looks(images, poses, *reference, groups, pivot=data.pivot)
             tell(1)
             keyframe = Keyframe.fit(images, poses, *reference, pivot=data.pivot)
-            tell(3)
+            tell(2)
         except InvalidInputError as error:
             raise DataSetError(f"No keyframe can be fitted: {error}") from error
+        displacements = inverse_transform(data.T_world_ref) @ poses
+        first_guess = FirstGuess.train(keyframe, data.ranges(), images, displacements)
+        tell(3)
         errors = np.abs(looks.errors)
         accuracy = {
             "error_shares": _by_dof(error_shares(errors, data.delta_p()[shown])),
@@ -114,13 +121,14 @@ class KeyframeModel:
             "noise": keyframe.noise,
             "observable": keyframe.observable,
         }
-        return cls(keyframe, data.ranges(), dict(data.source), accuracy)
+        return cls(keyframe, first_guess, data.ranges(), dict(data.source), accuracy)
 
     def estimate(self, image: Image, previous: Estimate | None = None) -> Estimate:
         """Where an image was taken.
 
         After a move the camera should be near the reference, where the search begins. If nothing
-        alike is found there, and at the start, displacements from all over the reach are tried.
+        alike is found there, and at the start, it begins at the first guesses; and where these
+        lead to nothing that is clearly alike, displacements from all over the reach are tried.
 
         Parameters
         ----------
@@ -136,7 +144,10 @@ class KeyframeModel:
             near = self._as_estimate(image, self.keyframe.align(image, np.eye(4)))
             if near.similarity >= _ALIKE:
                 return near
-        return self._as_estimate(image, self.keyframe.align(image))
+        found = self.keyframe.align(image, self.first_guess(image))
+        if found.similarity < _CLEARLY_ALIKE:
+            found = max(found, self.keyframe.align(image), key=lambda found: found.similarity)
+        return self._as_estimate(image, found)
 
     def _as_estimate(self, image: Image, found: Alignment) -> Estimate:
         width = round(SIZE * min(1.0, image.shape[1] / max(image.shape)))
@@ -167,7 +178,15 @@ class KeyframeModel:
             "trained_on": self.trained_on,
             "accuracy": self.accuracy,
         }
-        write_model(folder, header, self.keyframe.to_arrays(), force=force)
+        arrays = {
+            f"{part}/{name}": array
+            for part, values in (
+                ("keyframe", self.keyframe.to_arrays()),
+                ("first_guess", self.first_guess.to_arrays()),
+            )
+            for name, array in values.items()
+        }
+        write_model(folder, header, arrays, force=force)
 
     @classmethod
     def restore(
@@ -180,12 +199,22 @@ class KeyframeModel:
         ValueError, KeyError, TypeError
             If they are not those of a model of this kind.
         """
-        keyframe, reach = Keyframe.from_arrays(arrays), np.array(header["reach"], dtype=float)
+        parts: dict[str, dict[str, NDArray[Any]]] = {"keyframe": {}, "first_guess": {}}
+        for name, array in arrays.items():
+            part, _, own = name.partition("/")
+            parts[part][own] = array
+        keyframe, reach = (
+            Keyframe.from_arrays(parts["keyframe"]),
+            np.array(header["reach"], dtype=float),
+        )
         if list(keyframe.reference_image.shape) != list(header["image_size"]):
             raise ValueError("its reference image is not of its image size")
         if reach.shape != (6,) or not (np.isfinite(reach) & (reach > 0)).all():
             raise ValueError("its reach is not six positive numbers")
-        return cls(keyframe, reach, dict(header["trained_on"]), dict(header["accuracy"]))
+        first_guess = FirstGuess.from_arrays(parts["first_guess"], reach, keyframe.pivot)
+        return cls(
+            keyframe, first_guess, reach, dict(header["trained_on"]), dict(header["accuracy"])
+        )
 
 
 def error_shares(errors: Array, truth: Array) -> Array:
