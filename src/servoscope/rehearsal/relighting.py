@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 WIDTH = 128
 """Of the image that light is computed on, [px]."""
 
+_FACET = 3.0
 _N_STEPS = 48
 _LONGEST_SHADOW = 0.5
 _CLEARANCE = 0.015
@@ -65,7 +66,7 @@ class _Surface:
     def __init__(self, points: Array, depth: Array, keyframe: Keyframe, view: View) -> None:
         self.points, self.depth = points, depth.astype(np.float32)
         self.camera, self.view = keyframe.camera, view
-        smooth = cv2.GaussianBlur(points, (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)
+        smooth = cv2.GaussianBlur(points, (0, 0), _FACET, borderType=cv2.BORDER_REPLICATE)
         normals = np.cross(np.gradient(smooth, axis=0), np.gradient(smooth, axis=1))
         normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
         self.normals = np.where((normals[..., 2] > 0)[..., None], -normals, normals)
