@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.keyframe import Keyframe
-from servoscope.keyframe.rendering import project
 from servoscope.keyframe.views import View
+from servoscope.rehearsal.sampling import sample_at
 
 Array = NDArray[np.float64]
 
@@ -53,16 +53,6 @@ class Backdrop:
         R, t = T[:3, :3], T[:3, 3]
         slope = self.rays @ (R @ self.plane)
         s = (1 + self.plane @ R.T @ t) / np.maximum(slope, _LEAST * self.plane[2])
-        points = (s[:, None] * self.rays - t) @ R
-        seen = np.empty((len(points), 3))
-        z = np.maximum(points[:, 2], 1e-3)
-        shown = points[:, :2] / z[:, None]
-        project(np.eye(4), self.camera.values, self.view.aspect, shown, 1 / z, seen)
-        height, width = self.view.shape
-        column = ((seen[:, 0] + 0.5) * width - 0.5).reshape(height, width)
-        row = ((seen[:, 1] / self.view.aspect + 0.5) * height - 0.5).reshape(height, width)
-        image = cv2.remap(
-            self.view.grey, column.astype(np.float32), row.astype(np.float32), cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_REFLECT,
-        )  # fmt: skip
+        points = ((s[:, None] * self.rays - t) @ R).reshape(*self.view.shape, 3)
+        image = sample_at(self.view.grey, self.camera, points, cv2.BORDER_REFLECT)
         return np.rint(image).astype(np.uint8)

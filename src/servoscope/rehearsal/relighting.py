@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from servoscope.keyframe import Keyframe
 from servoscope.keyframe.views import View
+from servoscope.rehearsal.sampling import sample_at
 from servoscope.scene.lights import Lighting
 from servoscope.scene.scene import STANDOFF, T_WORLD_REF
 
@@ -20,7 +21,7 @@ WIDTH = 128
 _FACET = 3.0
 _N_STEPS = 48
 _LONGEST_SHADOW = 0.5
-_CLEARANCE = 0.015
+_CLEARANCE, _NEAREST = 0.015, 0.05
 _MOST = 3.0
 
 
@@ -53,7 +54,7 @@ def light_change(
     rays = np.column_stack([rays, np.ones(len(rays))]).reshape(*view.shape, 3)
     turn = Rotation.from_euler("z", azimuth).as_matrix()
     to_camera = (T_WORLD_REF[:3, :3].T @ turn, -T_WORLD_REF[:3, :3].T @ T_WORLD_REF[:3, 3])
-    surface = _Surface(rays * depth[..., None], depth, keyframe, view)
+    surface = _Surface(rays * depth[..., None], depth, keyframe)
     old, new = (surface.radiance(lighting, to_camera) for lighting in (before, after))
     change = np.clip(new / old, 1 / _MOST, _MOST).astype(np.float32)
     height, width = keyframe.reference_image.shape
@@ -63,9 +64,9 @@ def light_change(
 class _Surface:
     """Points that are seen, shape (rows, columns, 3), in the reference camera, [m]."""
 
-    def __init__(self, points: Array, depth: Array, keyframe: Keyframe, view: View) -> None:
+    def __init__(self, points: Array, depth: Array, keyframe: Keyframe) -> None:
         self.points, self.depth = points, depth.astype(np.float32)
-        self.camera, self.view = keyframe.camera, view
+        self.camera = keyframe.camera
         smooth = cv2.GaussianBlur(points, (0, 0), _FACET, borderType=cv2.BORDER_REPLICATE)
         normals = np.cross(np.gradient(smooth, axis=0), np.gradient(smooth, axis=1))
         normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
@@ -85,17 +86,10 @@ class _Surface:
 
     def _lit(self, towards: Array) -> Array:
         """Where nothing that is seen stands between the surface and a lamp, (rows, columns)."""
-        height, width = self.view.shape
-        camera, lit = self.camera, np.ones(self.depth.shape)
+        lit = np.ones(self.depth.shape)
         for length in _LONGEST_SHADOW * STANDOFF * (np.arange(_N_STEPS) + 1) / _N_STEPS:
-            x, y, z = np.moveaxis(self.points + length * towards, 2, 0)
-            before = z > 0.05
-            z = np.where(before, z, 1.0)
-            column = ((camera.f * x / z + camera.cx) + 0.5) * width - 0.5
-            row = ((camera.f * y / z + camera.cy) / self.view.aspect + 0.5) * height - 0.5
-            there = cv2.remap(
-                self.depth, column.astype(np.float32), row.astype(np.float32), cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_REPLICATE,
-            )  # fmt: skip
-            lit[before & (there < z - _CLEARANCE * STANDOFF)] = 0.0
+            points = self.points + length * towards
+            z = points[..., 2]
+            there = sample_at(self.depth, self.camera, points, cv2.BORDER_REPLICATE)
+            lit[(z > _NEAREST) & (there < z - _CLEARANCE * STANDOFF)] = 0.0
         return np.asarray(cv2.GaussianBlur(lit, (0, 0), 0.7))

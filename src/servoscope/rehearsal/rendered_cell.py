@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from servoscope.keyframe import Keyframe
 from servoscope.poses import poses_from_displacements
 from servoscope.positioning.keyframe_model import KeyframeModel
 from servoscope.rehearsal.relighting import light_change
@@ -106,9 +107,7 @@ def cell_at_start(
         The direction of the start is that of the scoreboard.
     """
     changes, keyframe = CONDITIONS[condition], model.keyframe
-    rng = np.random.default_rng([seed, _VIEWS, start])
-    view = TrueView.draw(keyframe, errors, rng)
-    azimuth = rng.uniform(-np.pi, np.pi)
+    view, azimuth = view_of_start(keyframe, errors, seed, start)
     if any(changes.light_shift):
         trained = Scene()
         after = changes.change(trained, 0).lighting
@@ -118,6 +117,14 @@ def cell_at_start(
     rng = trial_rng(seed, condition, start)
     cell = RenderedCell(view, changes, D, keyframe.noise, start + 1000 * seed, rng)
     return LateImages(cell, changes.late) if changes.late else cell
+
+
+def view_of_start(
+    keyframe: Keyframe, errors: OwnErrors, seed: int, start: int
+) -> tuple[TrueView, float]:
+    """The view that is drawn for a start, and where its lamps stand about the vertical, [rad]."""
+    rng = np.random.default_rng([seed, _VIEWS, start])
+    return TrueView.draw(keyframe, errors, rng), float(rng.uniform(-np.pi, np.pi))
 
 
 def cell_at_reference(model: KeyframeModel) -> SimulatedRobot:

@@ -25,8 +25,8 @@ ENOUGH = 0.95
 """Share of the starts that has to arrive for a condition to be called safe."""
 
 LEGEND = (
-    f"arrive: starts that ended under {SUCCESS_MM:g} mm and under {SUCCESS_DEG:g} deg; the interval "
-    "is Wilson's; end: median of all starts; moves: median of those that arrived; wrongly "
+    f"arrive: starts that ended under {SUCCESS_MM:g} mm and under {SUCCESS_DEG:g} deg; the "
+    "interval is Wilson's; end: median of all starts; moves: median of those that arrived; wrongly "
     "converged: said so, but ended farther away."
 )
 

@@ -106,7 +106,7 @@ def relief_error(keyframe: Keyframe) -> float:
 def _relief_field(keyframe: Keyframe, rng: np.random.Generator) -> NDArray[np.float32]:
     """A smooth random field over the relief, of deviation 1 where the images agree least."""
     field = cv2.GaussianBlur(rng.standard_normal(keyframe.trust.shape), (0, 0), _CORRELATED)
-    return np.asarray(field / field.std() * (1 - keyframe.trust), dtype=np.float32)
+    return np.asarray(field / field.std() * (1.1 - keyframe.trust) / 1.1, dtype=np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,9 +134,7 @@ class TrueView:
         """A view with errors of those sizes, drawn at random."""
         field = errors.relief * _relief_field(keyframe, rng)
         relief = np.asarray(keyframe.inverse_depth * (1 + field), dtype=np.float32)
-        return cls(
-            replace(keyframe, inverse_depth=relief), errors.reading * rng.standard_normal(6)
-        )
+        return cls(replace(keyframe, inverse_depth=relief), errors.reading * rng.standard_normal(6))
 
     def relit(self, change: NDArray[np.float32]) -> TrueView:
         """The view with each pixel of the reference so many times as bright."""

@@ -23,6 +23,10 @@ REPAINTED = 0.05
 """Share of the plane that is another in the other casting; two heads differ by more than 10 grey
 levels in as much of their images."""
 
+
+_EXACT = Repeatability()
+
+
 def _same_part(scene: Scene) -> Scene:
     return scene
 
@@ -74,7 +78,7 @@ class Condition:
     part: Callable[[Scene], Scene] = _same_part
     factor: float = 1.0
     robot: str = "free"
-    repeatability: Repeatability = Repeatability()
+    repeatability: Repeatability = _EXACT
     late: int = 0
     depth_factor: float = 1.0
 
@@ -128,4 +132,5 @@ CONDITIONS = {
 }
 """Every condition, by name. ``gain`` turns down the sensor; ``noise_10`` adds noise of ten grey
 levels; ``defocus`` blurs by two pixels of 256 more (`servoscope.scene.strengths`);
-``repeatability`` is 0.05 mm and 0.01 deg a move; the images of ``stale_frames`` are one read old."""
+``repeatability`` is 0.05 mm and 0.01 deg a move; the images of ``stale_frames`` are one read
+old."""

@@ -68,13 +68,13 @@ def plot_starts(
     ax.plot(x[arrived], y[arrived], "o", color=MUTED, markersize=3.5, fillstyle="none")
     ax.plot(x[~arrived], y[~arrived], "s", color=ACCENT, markersize=4)
     most = max(1.0, float(shares.max()))
-    ax.set(xlim=(0, most), ylim=(0, most))
+    ax.set(xlim=(0, most), ylim=(0, most), xticks=(0, 0.5, 1), yticks=(0, 0.5, 1))
     return ax
 
 
 def draw_starts(results: Results) -> Figure:
     """A panel for each condition, five in a row."""
-    layout = Layout(5, 1.3, 1.3, gap_x=0.3, gap_y=0.45, left=0.55, bottom=0.45, top=0.3)
+    layout = Layout(5, 1.3, 1.3, gap_x=0.3, gap_y=0.45, left=0.55, right=0.15, bottom=0.45, top=0.3)
     figure, axes = layout.make(len(results))
     for ax, (name, numbers) in zip(axes, results.items(), strict=True):
         plot_starts(numbers["starts"], title=name, ax=ax)
