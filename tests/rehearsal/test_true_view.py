@@ -62,11 +62,13 @@ def test_a_large_image_is_enlarged_from_a_smaller_one():
 
 
 def test_relief_is_as_wrong_as_the_residual_says():
-    exact, rough = keyframe(residual=0.1, noise=1.0), keyframe(residual=0.8, noise=1.0)
-    assert relief_error(exact) == 0.0
-    assert 1e-3 < relief_error(rough) < 0.05
-    assert relief_error(keyframe(residual=1.6)) > 1.5 * relief_error(rough)
-    assert relief_error(keyframe(residual=100.0)) == 0.05
+    def error(residual: float) -> float:
+        doubted = np.full((48, 64), 0.2, np.float32)
+        return relief_error(keyframe(residual=residual, noise=1.0, trust=doubted))
+
+    assert error(0.1) == 0.0
+    assert 1e-3 < error(0.8) < 0.7 * error(1.6) < 0.035
+    assert error(100.0) == 0.05
 
 
 def test_errors_are_the_larger_of_the_fit_s_and_those_of_images_held_out():

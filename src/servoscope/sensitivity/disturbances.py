@@ -215,4 +215,5 @@ DISTURBANCES = {
 goes with the square of the strength; ``principal_point_x`` and ``_y`` move the image;
 ``distortion_k1`` adds to k1; ``light_x`` and ``light_z`` move the first lamp along the part and
 upwards; ``repeatability_mm`` and ``_deg`` are deviations along and about each axis on top of
-those in training; ``hand_eye_*`` moves the camera on its flange, along or about an axis of its own."""
+those in training; ``hand_eye_*`` moves the camera on its flange, along or about an axis of its
+own."""
