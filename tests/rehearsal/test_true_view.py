@@ -48,6 +48,14 @@ def test_the_backdrop_of_a_plate_is_what_the_mesh_shows_of_it():
         assert np.abs(beside.astype(float) - seen)[known].mean() < 1.5
 
 
+def test_an_exact_view_shows_what_the_keyframe_does():
+    sample = keyframe()
+    view = TrueView(sample, np.zeros(6))
+    for D in displacements(2):
+        seen, known = sample.render(D)
+        np.testing.assert_array_equal(view.image(D)[known], seen[known])
+
+
 def test_nothing_is_black_where_the_reference_shows_nothing():
     sample = keyframe(reference_image=np.full((96, 128), 90, np.uint8))
     aside = poses_from_displacements(np.eye(4), 3 * RANGES * [1, 0, 0, 0, 0, 1], PIVOT)
