@@ -1,5 +1,7 @@
 """Rehearsals of a small model, and what is said of them."""
 
+import signal
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from rehearsal_sample import RANGES, model
 from servoscope.errors import InvalidInputError
 from servoscope.poses import displacements_from_poses, inverse_transform, rigid_transform
 from servoscope.positioning.keyframe_model import KeyframeModel
-from servoscope.rehearsal import OwnErrors, Rehearsal
+from servoscope.rehearsal import OwnErrors, Rehearsal, TrueView
 from servoscope.rehearsal.rendered_cell import cell_at_reference, cell_at_start
 from servoscope.rehearsal.run import REHEARSED, as_keyframe_model
 from servoscope.rehearsal.summary import summarise_rehearsal, table_rows, verdict
@@ -67,6 +69,22 @@ def test_a_model_arrives_on_its_own_view():
     assert found["final_mm_median"] < 0.5
     assert [start["succeeded"] for start in found["starts"]] == [True, True]
     assert found["starts"][1]["shares"] == pytest.approx(start_direction(0, 1), abs=1e-4)
+
+
+def test_an_interruption_ends_the_rehearsal_and_not_only_a_start(monkeypatch):
+    """The loop itself takes Ctrl-C for the end of a run."""
+    reads = []
+
+    def read_and_interrupt(self, displacement):
+        reads.append(displacement)
+        if len(reads) == 2:
+            signal.raise_signal(signal.SIGINT)
+        return self.keyframe.reference_image
+
+    monkeypatch.setattr(TrueView, "image", read_and_interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        Rehearsal(model(), starts=3).run("range_1.0", n_jobs=1)
+    assert len(reads) <= 3
 
 
 def test_late_images_do_not_keep_a_model_from_arriving():
