@@ -3,9 +3,11 @@
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from rehearsal_sample import RANGES, model
+from rehearsal_sample import RANGES, keyframe, model
 from servoscope.errors import InvalidInputError
+from servoscope.poses import rigid_transform
 from servoscope.rehearsal import Rehearsal, TrueView
 from servoscope.rehearsal.own_sensitivity import (
     OWN_DISTURBANCES,
@@ -39,6 +41,15 @@ def test_a_remounted_camera_is_misread_by_as_much(rehearsal):
     # the reference view is no longer where the robot reports it
     assert growth.simulated_bias == pytest.approx(growth.strengths, abs=0.15)
     assert growth.predicted_rms == pytest.approx(growth.simulated_rms, abs=0.2)
+
+
+def test_the_camera_is_moved_along_its_own_axes_however_it_is_mounted(looks):
+    turned = Rotation.from_euler("zyx", [70, -10, 150], degrees=True).as_matrix()
+    crooked = keyframe(mount=rigid_transform(turned, [0.03, -0.02, 0.05]))
+    mounted = RenderedLooks(TrueView(crooked, np.zeros(6)), np.eye(4), 0.0)
+    for dof in ("tz", "rx"):
+        straight, turned = (seen(of, f"hand_eye_{dof}", 1.0) for of in (looks, mounted))
+        assert np.abs(straight - turned).max() <= 1
 
 
 def test_gain_is_borne(rehearsal):

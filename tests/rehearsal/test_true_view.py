@@ -4,12 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from rehearsal_sample import PIVOT, RANGES, displacements, keyframe, model, plate
-from servoscope.poses import inverse_transform, poses_from_displacements
+from servoscope.poses import inverse_transform, poses_from_displacements, rigid_transform
 from servoscope.rehearsal.backdrop import Backdrop
 from servoscope.rehearsal.true_view import OwnErrors, TrueView, relief_error, shifts
 
+CROOKED = rigid_transform(
+    Rotation.from_euler("zyx", [70, -10, 150], degrees=True).as_matrix(), [0.03, -0.02, 0.05]
+)
 READING = np.array([1e-3, 5e-4, 2e-3, 4e-3, 2e-3, 1e-3])
 
 
@@ -49,9 +53,9 @@ def test_the_backdrop_of_a_plate_is_what_the_mesh_shows_of_it():
 
 
 def test_an_exact_view_shows_what_the_keyframe_does():
-    sample = keyframe()
+    sample = keyframe(mount=CROOKED)
     view = TrueView(sample, np.zeros(6))
-    for D in displacements(2):
+    for D in CROOKED @ displacements(2) @ inverse_transform(CROOKED):
         seen, known = sample.render(D)
         np.testing.assert_array_equal(view.image(D)[known], seen[known])
 

@@ -18,7 +18,9 @@ Array = NDArray[np.float64]
 WIDTH = 128
 """Of the image that light is computed on, [px]."""
 
-_FACET = 3.0
+FACET = 6.0
+"""The relief is smoothed by this before its slopes are found, [px]: it is rougher than the part."""
+
 _N_STEPS = 48
 _LONGEST_SHADOW = 0.5
 _CLEARANCE, _NEAREST = 0.015, 0.05
@@ -67,7 +69,7 @@ class _Surface:
     def __init__(self, points: Array, depth: Array, keyframe: Keyframe) -> None:
         self.points, self.depth = points, depth.astype(np.float32)
         self.camera = keyframe.camera
-        smooth = cv2.GaussianBlur(points, (0, 0), _FACET, borderType=cv2.BORDER_REPLICATE)
+        smooth = cv2.GaussianBlur(points, (0, 0), FACET, borderType=cv2.BORDER_REPLICATE)
         normals = np.cross(np.gradient(smooth, axis=0), np.gradient(smooth, axis=1))
         normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
         self.normals = np.where((normals[..., 2] > 0)[..., None], -normals, normals)
