@@ -87,6 +87,15 @@ def test_an_interruption_ends_the_rehearsal_and_not_only_a_start(monkeypatch):
     assert len(reads) <= 3
 
 
+def test_a_view_without_depth_does_not_arrive():
+    """Of a view that is far away a keyframe reads rotations alone."""
+    far = model(relief=np.full((48, 64), 1e-6))
+    found = Rehearsal(far, starts=1).run("range_1.0", n_jobs=1)
+    assert found["success"] == 0
+    assert found["final_mm_median"] > 1.0
+    assert found["final_deg_median"] < 0.5
+
+
 def test_late_images_do_not_keep_a_model_from_arriving():
     assert Rehearsal(model(), starts=1).run("stale_frames", n_jobs=1)["success"] == 1
 
