@@ -30,6 +30,14 @@ def sample_at(image: NDArray[Any], camera: CameraModel, points: Array, border: i
     Returns
     -------
     ndarray of shape (rows, columns)
+
+    Examples
+    --------
+    A point on the axis is seen in the middle, between the four pixels of a small image:
+
+    >>> image = np.array([[0.0, 2.0], [4.0, 6.0]])
+    >>> sample_at(image, CameraModel(1.0), np.array([[[0.0, 0.0, 3.0]]]), cv2.BORDER_REFLECT)
+    array([[3.]])
     """
     shape, (height, width) = points.shape[:2], image.shape
     flat = points.reshape(-1, 3)

@@ -68,7 +68,13 @@ def table_rows(results: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]
 
 
 def verdict(results: Mapping[str, Mapping[str, Any]]) -> str:
-    """One sentence: where the camera would arrive, and where not."""
+    """One sentence: where the camera would arrive, and where not.
+
+    Examples
+    --------
+    >>> verdict({"range_1.0": {"success": 19, "trials": 20, "wrongly_converged": 0}})
+    "At least 95% of 20 starts would arrive under range_1.0; no runs say 'converged' farther away."
+    """
     shares = {name: numbers["success"] / numbers["trials"] for name, numbers in results.items()}
     few = {name: share for name, share in shares.items() if share < ENOUGH}
     wrong = sum(numbers["wrongly_converged"] for numbers in results.values())
