@@ -36,6 +36,7 @@ ROOMS = (
     ("assessment",),
     ("sensitivity",),
     ("scoreboard",),
+    ("rehearsal",),
     ("study",),
     ("report",),
     ("commands",),

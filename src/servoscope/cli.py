@@ -124,6 +124,7 @@ def _app() -> SubcommandApp:
     from servoscope.commands.import_images import import_commands
     from servoscope.commands.info import info
     from servoscope.commands.position import position
+    from servoscope.commands.rehearse import rehearse
     from servoscope.commands.report import report
     from servoscope.commands.sensitivity import sensitivity
     from servoscope.commands.study import study
@@ -137,6 +138,7 @@ def _app() -> SubcommandApp:
     app.command(_later(assess))
     app.command(formats, name="import", help="Make a data set of your own images and poses.")
     app.command(_later(train))
+    app.command(_later(rehearse))
     app.command(_later(position))
     benchmarks.command(name="positioning")(_later(benchmark_positioning))
     app.command(benchmarks, name="benchmark", help="Compare servoscope with what else there is.")

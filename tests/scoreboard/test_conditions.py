@@ -14,7 +14,7 @@ from servoscope.scoreboard.conditions import CONDITIONS, SCENES
 
 NAMES = (
     "range_0.4 range_1.0 range_1.5 gain_0.8 gain_0.95 light_moved covered_10 covered_20 noise_10 "
-    "defocus depth_0.6 depth_1.5 other_casting repeatability arm"
+    "defocus depth_0.6 depth_1.5 other_casting repeatability arm stale_frames"
 )
 PLANE = Scene(TexturedPlane(), image_size=128)
 
@@ -32,7 +32,7 @@ def test_names_and_their_order_are_those_that_are_published() -> None:
 @pytest.mark.parametrize("name", [n for n in CONDITIONS if n.startswith(("range", "depth"))])
 def test_ranges_and_depths_leave_the_scene_alone(name: str) -> None:
     condition = CONDITIONS[name]
-    assert condition.change(PLANE, 5) is PLANE
+    assert condition.change(PLANE, 5) == PLANE
     kind, _, number = name.partition("_")
     assert {"range": condition.factor, "depth": condition.depth_factor}[kind] == float(number)
     assert condition.is_for_baseline_alone == (kind == "depth" or name == "range_1.0")
@@ -106,3 +106,29 @@ def test_an_arm_starts_with_its_camera_where_a_free_one_does() -> None:
     distance, angle = pose_error(free, arm)
     assert distance < 1e-5
     assert angle < 1e-4
+
+
+def test_stale_frames_show_where_the_camera_was_one_read_ago() -> None:
+    robot = robot_at_start("textured_plane", "stale_frames", 32, 0, 4)
+    prompt = robot_at_start("textured_plane", "range_1.0", 32, 0, 4)
+    before = robot.read().astype(float)
+    for cell in (robot, prompt):
+        cell.move_to(T_WORLD_REF)
+    late, new, seen_there = (camera.read().astype(float) for camera in (robot, robot, prompt))
+    assert np.abs(late - before).mean() < 5 < np.abs(late - seen_there).mean()
+    assert np.abs(new - seen_there).mean() < 5
+
+
+def test_strengths_mean_the_same_for_images_as_for_the_scene() -> None:
+    image, rng = render(PLANE, T_WORLD_REF), np.random.default_rng(0)
+    for name in ("gain_0.8", "defocus"):
+        disturbed = CONDITIONS[name].disturbances().disturb(image, rng).astype(float)
+        assert np.abs(disturbed - seen(name)).mean() < 1
+    covered = CONDITIONS["covered_20"].disturbances().disturb(image, rng)
+    assert (covered != image).mean() == pytest.approx(0.2, abs=0.01)
+
+
+def test_conditions_that_need_a_scene_are_not_of_images() -> None:
+    assert [n for n in CONDITIONS if not CONDITIONS[n].is_of_images] == [
+        "depth_0.6", "depth_1.5", "other_casting", "arm"
+    ]  # fmt: skip

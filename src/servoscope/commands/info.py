@@ -11,7 +11,7 @@ from typing import Any
 from servoscope import __version__
 from servoscope.commands.options import AnyFolder, Json
 
-ENDS = ("report.html", "scoreboard.html", "sensitivity.md")
+ENDS = ("report.html", "scoreboard.html", "sensitivity.md", "rehearsal.html")
 """The last file that each kind of run writes."""
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.poses import poses_from_displacements
+from servoscope.robots.late_images import LateImages
 from servoscope.robots.registry import SimulatedRobot, make_robot
 from servoscope.scene.parts import make_part
 from servoscope.scene.render import prepare
@@ -30,10 +31,20 @@ def scene_of_training(part: str, image_size: int, variant: int = 0) -> Scene:
     return Scene(part=make_part(part, variant), image_size=image_size)
 
 
+def start_direction(seed: int, start: int) -> Array:
+    """Displacement of a start in shares of the range, (6,), each from -1 to 1."""
+    return np.random.default_rng([seed, _STARTS, start]).uniform(-1.0, 1.0, 6)
+
+
 def start_pose(seed: int, start: int, factor: float) -> Array:
     """``T_world_cam`` of a start, (4, 4), [m]: the same direction for every factor."""
-    delta_p = np.random.default_rng([seed, _STARTS, start]).uniform(-1.0, 1.0, 6)
-    return poses_from_displacements(T_WORLD_REF, factor * RANGES * delta_p, PIVOT)
+    delta_p = factor * RANGES * start_direction(seed, start)
+    return poses_from_displacements(T_WORLD_REF, delta_p, PIVOT)
+
+
+def trial_rng(seed: int, condition: str, start: int) -> np.random.Generator:
+    """Draws the noise and the errors of motion of a trial."""
+    return np.random.default_rng([seed, _TRIALS, list(CONDITIONS).index(condition), start])
 
 
 def robot_at_start(
@@ -74,11 +85,10 @@ def robot_in_cell(
     trained = scene_of_training(part, image_size, variant)
     seen = changes.change(trained, start + 1000 * seed)
     T_world_cam = start_pose(seed, start, changes.factor)
-    number = list(CONDITIONS).index(condition)
-    rng = np.random.default_rng([seed, _TRIALS, number, start])
+    rng = trial_rng(seed, condition, start)
     made = make_robot(robot, seen, changes.repeatability, rng, T_world_cam)
     prepare(seen)
-    return made
+    return LateImages(made, changes.late) if changes.late else made
 
 
 def robot_at_reference(scene: str, robot: str, image_size: int) -> SimulatedRobot:

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from servoscope.positioning.disturbances import Disturbances
 from servoscope.robots.free_camera import Repeatability
 from servoscope.scene.covering import Covering
 from servoscope.scene.part import CylinderHead
 from servoscope.scene.scene import Scene
-from servoscope.scene.sensor import Sensor
 from servoscope.scene.strengths import amplified, defocused, noisier
 
 SCENES = ("cylinder_head", "textured_plane")
@@ -23,38 +23,63 @@ REPAINTED = 0.05
 """Share of the plane that is another in the other casting; two heads differ by more than 10 grey
 levels in as much of their images."""
 
+
 _EXACT = Repeatability()
 
-Change = Callable[[Scene, int], Scene]
-"""Makes of the scene of training the scene of a start, given a number of the start's own."""
 
-
-def _as_trained(scene: Scene, number: int) -> Scene:
+def _same_part(scene: Scene) -> Scene:
     return scene
+
+
+def _other_casting(scene: Scene) -> Scene:
+    if isinstance(scene.part, CylinderHead):
+        return replace(scene, part=replace(scene.part, variant=scene.part.variant + 1))
+    return replace(scene, part=replace(scene.part, repainted=REPAINTED))
 
 
 @dataclass(frozen=True)
 class Condition:
     """How trials differ from the images that the methods were made for.
 
+    What the strengths mean stands in `servoscope.scene.strengths`; they are the same for a
+    simulated scene (`change`) and for images (`disturbances`).
+
     Parameters
     ----------
-    change : callable
-        What is different in the scene.
+    gain : float
+        Of the sensor, as a factor.
+    defocus : float
+        [px of 256].
+    noise : float
+        On top of the sensor's own, [grey].
+    covering : float
+        Share of the view behind a rectangle of one grey.
+    light_shift : tuple of 3 floats
+        How far the first lamp is moved, [m].
+    part : callable
+        Makes of the scene of training one with another part.
     factor : float
         The starts are drawn from this many times the range.
     robot : {"free", "arm"}
         What carries the camera, in training too.
     repeatability : Repeatability
         How far from where it is sent the robot comes to rest in a trial.
+    late : int
+        How many reads old the images of a trial are.
     depth_factor : float
         What the baseline is told of the depth, relative to the truth.
     """
 
-    change: Change = _as_trained
+    gain: float = 1.0
+    defocus: float = 0.0
+    noise: float = 0.0
+    covering: float = 0.0
+    light_shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    part: Callable[[Scene], Scene] = _same_part
     factor: float = 1.0
     robot: str = "free"
     repeatability: Repeatability = _EXACT
+    late: int = 0
     depth_factor: float = 1.0
 
     @property
@@ -62,45 +87,50 @@ class Condition:
         """Whether nothing is different but what the baseline is told."""
         return replace(self, depth_factor=1.0) == CONDITIONS["range_1.0"]
 
+    @property
+    def is_of_images(self) -> bool:
+        """Whether it can be made of images of the part and needs no scene: see `disturbances`."""
+        as_trained = replace(self, part=_same_part, robot="free", depth_factor=1.0)
+        return self == as_trained
 
-def _sensor(change: Callable[[Sensor, float], Sensor], strength: float) -> Change:
-    return lambda scene, number: replace(scene, sensor=change(scene.sensor, strength))
+    def change(self, scene: Scene, number: int) -> Scene:
+        """The scene of a start, made of that of training, given a number of the start's own."""
+        sensor = noisier(defocused(amplified(scene.sensor, self.gain), self.defocus), self.noise)
+        changed = replace(self.part(scene), sensor=sensor)
+        if self.covering:
+            changed = replace(changed, covering=Covering(self.covering, seed=number))
+        if any(self.light_shift):
+            first, *others = scene.lighting.lamps
+            x, y, z = np.add(first.position, self.light_shift).tolist()
+            lamps = (replace(first, position=(x, y, z)), *others)
+            changed = replace(changed, lighting=replace(scene.lighting, lamps=lamps))
+        return changed
 
-
-def _covered(share: float) -> Change:
-    return lambda scene, number: replace(scene, covering=Covering(share, seed=number))
-
-
-def _light_moved(scene: Scene, number: int) -> Scene:
-    first, *others = scene.lighting.lamps
-    x, y, z = np.add(first.position, LIGHT_SHIFT).tolist()
-    lamps = (replace(first, position=(x, y, z)), *others)
-    return replace(scene, lighting=replace(scene.lighting, lamps=lamps))
-
-
-def _other_casting(scene: Scene, number: int) -> Scene:
-    if isinstance(scene.part, CylinderHead):
-        return replace(scene, part=replace(scene.part, variant=scene.part.variant + 1))
-    return replace(scene, part=replace(scene.part, repainted=REPAINTED))
+    def disturbances(self) -> Disturbances:
+        """What the condition makes of an image, but for its light and its noise."""
+        strengths = {"gain": self.gain, "defocus": self.defocus, "covering": self.covering}
+        return Disturbances.only(**strengths)
 
 
 CONDITIONS = {
     "range_0.4": Condition(factor=0.4),
     "range_1.0": Condition(),
     "range_1.5": Condition(factor=1.5),
-    "gain_0.8": Condition(_sensor(amplified, 0.8)),
-    "gain_0.95": Condition(_sensor(amplified, 0.95)),
-    "light_moved": Condition(_light_moved),
-    "covered_10": Condition(_covered(0.10)),
-    "covered_20": Condition(_covered(0.20)),
-    "noise_10": Condition(_sensor(noisier, 10.0)),
-    "defocus": Condition(_sensor(defocused, 2.0)),
+    "gain_0.8": Condition(gain=0.8),
+    "gain_0.95": Condition(gain=0.95),
+    "light_moved": Condition(light_shift=LIGHT_SHIFT),
+    "covered_10": Condition(covering=0.10),
+    "covered_20": Condition(covering=0.20),
+    "noise_10": Condition(noise=10.0),
+    "defocus": Condition(defocus=2.0),
     "depth_0.6": Condition(depth_factor=0.6),
     "depth_1.5": Condition(depth_factor=1.5),
-    "other_casting": Condition(_other_casting),
+    "other_casting": Condition(part=_other_casting),
     "repeatability": Condition(repeatability=Repeatability(5e-5, float(np.radians(0.01)))),
     "arm": Condition(robot="arm"),
+    "stale_frames": Condition(late=1),
 }
 """Every condition, by name. ``gain`` turns down the sensor; ``noise_10`` adds noise of ten grey
 levels; ``defocus`` blurs by two pixels of 256 more (`servoscope.scene.strengths`);
-``repeatability`` is 0.05 mm and 0.01 deg a move."""
+``repeatability`` is 0.05 mm and 0.01 deg a move; the images of ``stale_frames`` are one read
+old."""

@@ -121,11 +121,18 @@ def run_trial(
         Stands at the reference and is not moved.
     estimator : Estimator
     settings : LoopSettings
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If the loop was interrupted: half a trial is none.
     """
     poses: list[Array] = []
     result = Positioner(estimator, settings).run(
         robot, robot, on_step=lambda step, image: poses.append(robot.true_pose)
     )
+    if result.status == "interrupted":
+        raise KeyboardInterrupt
     if result.moves >= len(poses):
         poses.append(robot.true_pose)
     distance, angle = pose_error(reference.true_pose, np.stack(poses))

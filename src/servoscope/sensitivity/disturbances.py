@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DOFS, rigid_transform
+from servoscope.scene.covering import Covering
 from servoscope.scene.scene import Scene
 from servoscope.scene.sensor import Sensor
 from servoscope.scene.strengths import (
@@ -130,6 +131,18 @@ def _noise(look: Look, grey: float, rng: np.random.Generator) -> Look:
     return replace(look, added_noise=grey * rng.standard_normal((size, size)))
 
 
+def _offset(look: Look, grey: float, rng: np.random.Generator) -> Look:
+    size = look.scene.image_size
+    return replace(look, added_noise=np.full((size, size), grey))
+
+
+def _covering(look: Look, percent: float, rng: np.random.Generator) -> Look:
+    if not percent:
+        return look
+    covering = Covering((percent / 100) ** 2, seed=int(rng.integers(2**31)))
+    return replace(look, scene=replace(look.scene, covering=covering))
+
+
 def _light(look: Look, mm: float, rng: np.random.Generator, *, axis: int) -> Look:
     first, *others = look.scene.lighting.lamps
     position = np.array(first.position)
@@ -174,6 +187,10 @@ DISTURBANCES = {
     "principal_point_y": Disturbance(partial(_principal_point, axis=1), _PX, _PIXELS),
     "distortion_k1": Disturbance(_distortion, "1", _both_ways(0.02, 0.05, 0.1, 0.2)),
     "gain": Disturbance(_gain, "%", _both_ways(1.0, 2.0, 5.0, 10.0, 20.0)),
+    "offset": Disturbance(_offset, "grey levels", _both_ways(2.0, 5.0, 10.0, 20.0)),
+    "covering": Disturbance(
+        _covering, "% of the sides", (10.0, 20.0, 30.0, 45.0), power=2, is_random=True
+    ),
     "noise": Disturbance(_noise, "grey levels", (1.0, 2.0, 5.0, 10.0, 20.0), is_random=True),
     "defocus": Disturbance(_defocus, _PX, (0.6, 1.0, 1.4, 2.0, 4.0), power=2),
     "light_x": Disturbance(partial(_light, axis=0), "mm", _LAMP),
@@ -194,7 +211,9 @@ DISTURBANCES = {
     },
 }
 """Every disturbance, by name. What gain, noise, defocus and pixels mean stands in
-`servoscope.scene.strengths`. ``principal_point_x`` and ``_y`` move the image; ``distortion_k1``
-adds to k1; ``light_x`` and ``light_z`` move the first lamp along the part and upwards;
-``repeatability_mm`` and ``_deg`` are deviations along and about each axis on top of those in
-training; ``hand_eye_*`` moves the camera on its flange, along or about an axis of its own."""
+`servoscope.scene.strengths`. ``covering`` hides a rectangle of one grey, whose area
+goes with the square of the strength; ``principal_point_x`` and ``_y`` move the image;
+``distortion_k1`` adds to k1; ``light_x`` and ``light_z`` move the first lamp along the part and
+upwards; ``repeatability_mm`` and ``_deg`` are deviations along and about each axis on top of
+those in training; ``hand_eye_*`` moves the camera on its flange, along or about an axis of its
+own."""

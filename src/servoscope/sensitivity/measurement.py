@@ -73,7 +73,7 @@ def measure(
     by all that is drawn.
     """
     draws = range(n_draws if disturbance.is_random else 1)
-    strengths = _strengths(disturbance)
+    strengths = all_strengths(disturbance)
     calls: list[tuple[Any, ...]] = [(config, numbers)]
     calls += [(config, numbers, disturbance, s, k) for s in strengths for k in draws]
     rows: dict[str, list[Array]] = {name: [] for name in models}
@@ -95,10 +95,10 @@ def measure(
 
 def n_sets(disturbance: Disturbance, n_draws: int = N_DRAWS) -> int:
     """How many sets of images `measure` takes."""
-    return 1 + len(_strengths(disturbance)) * (n_draws if disturbance.is_random else 1)
+    return 1 + len(all_strengths(disturbance)) * (n_draws if disturbance.is_random else 1)
 
 
-def _strengths(disturbance: Disturbance) -> list[float]:
+def all_strengths(disturbance: Disturbance) -> list[float]:
     """All strengths at which images are taken, those of the derivatives too."""
     behind = {-step for step in disturbance.steps} if disturbance.power == 1 else set()
     return sorted({*disturbance.strengths, *disturbance.steps, *behind})
@@ -110,8 +110,26 @@ def _growths(
     clean_errors = _errors(model, features[0.0], told)[0]
     simulated = np.stack([_errors(model, features[s], told) for s in disturbance.strengths])
     first, second = (_slopes(disturbance, model, features, step) for step in disturbance.steps)
+    return error_growths(disturbance, clean_errors, simulated, (first, second))
+
+
+def error_growths(
+    disturbance: Disturbance, clean_errors: Array, simulated: Array, slopes: tuple[Array, Array]
+) -> dict[str, ErrorGrowth]:
+    """The growth of each dof's error.
+
+    Parameters
+    ----------
+    disturbance : Disturbance
+    clean_errors : ndarray of shape (n_images, 6)
+        [mm] and [deg].
+    simulated : ndarray of shape (n_strengths, n_draws, n_images, 6)
+        Errors at the strengths of the disturbance.
+    slopes : pair of ndarrays of shape (n_draws, n_images, 6)
+        Derivatives of the errors, see `predict_rms`.
+    """
     phi = [s**disturbance.power for s in disturbance.strengths]
-    predicted_rms = predict_rms(clean_errors, (first, second), phi)
+    predicted_rms = predict_rms(clean_errors, slopes, phi)
     simulated_rms = np.sqrt((simulated**2).mean(axis=(1, 2)))
     bias = simulated.mean(axis=(1, 2))
     clean_rms = np.sqrt((clean_errors**2).mean(axis=0))
@@ -137,9 +155,13 @@ def _errors(model: PoseModel, features: Array, told: Array) -> Array:
 
 def _slopes(disturbance: Disturbance, model: PoseModel, features: Features, step: float) -> Array:
     """Derivatives of the errors by ``phi``, (n_draws, n_images, 6), [mm] and [deg]."""
+    directions = differences(disturbance, features, step)
     clean = features[0.0][0]
-    if disturbance.power == 1:
-        directions = (features[step] - features[-step]) / (2 * step)
-    else:
-        directions = (features[step] - clean) / step**disturbance.power
     return np.stack([model.slope(clean, d) for d in directions]) * DISPLAY_FACTORS
+
+
+def differences(disturbance: Disturbance, values: Mapping[float, Array], step: float) -> Array:
+    """Derivatives of values by ``phi``, from those at a step of the strength and without it."""
+    if disturbance.power == 1:
+        return (values[step] - values[-step]) / (2 * step)
+    return (values[step] - values[0.0]) / step**disturbance.power

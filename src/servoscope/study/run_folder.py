@@ -39,6 +39,9 @@ PARTS = (
     "sensitivity.json",
     "sensitivity.md",
     "scoreboard.html",
+    "rehearsal.json",
+    "rehearsal.md",
+    "rehearsal.html",
 )
 FOLDERS = ("stages", "vectors", "models", "figures", "dataset", "trials")
 _REPLACED = (*PARTS, *FOLDERS)

@@ -1,0 +1,97 @@
+"""The reference view under lamps that stand elsewhere, as far as its relief tells."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from servoscope.keyframe import Keyframe
+from servoscope.keyframe.views import View
+from servoscope.rehearsal.sampling import sample_at
+from servoscope.scene.lights import Lighting
+from servoscope.scene.scene import STANDOFF, T_WORLD_REF
+
+Array = NDArray[np.float64]
+
+WIDTH = 128
+"""Of the image that light is computed on, [px]."""
+
+FACET = 6.0
+"""The relief is smoothed by this before its slopes are found, [px]: it is rougher than the part."""
+
+_N_STEPS = 48
+_LONGEST_SHADOW = 0.5
+_CLEARANCE, _NEAREST = 0.015, 0.05
+_MOST = 3.0
+
+
+def light_change(
+    keyframe: Keyframe, before: Lighting, after: Lighting, azimuth: float
+) -> NDArray[np.float32]:
+    """How many times brighter each pixel of the reference view is under other lamps.
+
+    The surface is taken to be matt: a lamp of strength s at distance r sheds
+    ``s cos(a) / r^2`` where nothing of the relief stands before it.
+
+    Parameters
+    ----------
+    keyframe : Keyframe
+        Its relief is scaled to stand `STANDOFF` before the camera.
+    before, after : Lighting
+        Over a part that lies in the plane z = 0, [m].
+    azimuth : float
+        The lamps are turned by this about the vertical, [rad]: where they stand is not known.
+
+    Returns
+    -------
+    ndarray of shape (height, width), float32
+        Of the keyframe's reference image; its mean is that of the change of light.
+    """
+    view = View.of(keyframe.reference_image, min(WIDTH, keyframe.reference_image.shape[1]), 0.0)
+    depth = 1 / cv2.medianBlur(view.resize(keyframe.inverse_depth), 5).astype(float)
+    depth *= STANDOFF / float(np.median(depth))
+    rays, _ = keyframe.camera.rays(view.points)
+    rays = np.column_stack([rays, np.ones(len(rays))]).reshape(*view.shape, 3)
+    turn = Rotation.from_euler("z", azimuth).as_matrix()
+    to_camera = (T_WORLD_REF[:3, :3].T @ turn, -T_WORLD_REF[:3, :3].T @ T_WORLD_REF[:3, 3])
+    surface = _Surface(rays * depth[..., None], depth, keyframe)
+    old, new = (surface.radiance(lighting, to_camera) for lighting in (before, after))
+    change = np.clip(new / old, 1 / _MOST, _MOST).astype(np.float32)
+    height, width = keyframe.reference_image.shape
+    return np.asarray(cv2.resize(change, (width, height)), dtype=np.float32)
+
+
+class _Surface:
+    """Points that are seen, shape (rows, columns, 3), in the reference camera, [m]."""
+
+    def __init__(self, points: Array, depth: Array, keyframe: Keyframe) -> None:
+        self.points, self.depth = points, depth.astype(np.float32)
+        self.camera = keyframe.camera
+        smooth = cv2.GaussianBlur(points, (0, 0), FACET, borderType=cv2.BORDER_REPLICATE)
+        normals = np.cross(np.gradient(smooth, axis=0), np.gradient(smooth, axis=1))
+        normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
+        self.normals = np.where((normals[..., 2] > 0)[..., None], -normals, normals)
+
+    def radiance(self, lighting: Lighting, to_camera: tuple[Array, Array]) -> Array:
+        """What a white surface scatters, (rows, columns)."""
+        R, t = to_camera
+        total = np.full(self.depth.shape, lighting.ambient)
+        for lamp in lighting.lamps:
+            towards = R @ np.array(lamp.position) + t - self.points
+            r = np.linalg.norm(towards, axis=2)
+            cosine = np.maximum((self.normals * towards).sum(axis=2) / r, 0)
+            lit = self._lit(towards / r[..., None])
+            total += lit * lamp.strength * cosine / r**2
+        return total
+
+    def _lit(self, towards: Array) -> Array:
+        """Where nothing that is seen stands between the surface and a lamp, (rows, columns)."""
+        lit = np.ones(self.depth.shape)
+        for length in _LONGEST_SHADOW * STANDOFF * (np.arange(_N_STEPS) + 1) / _N_STEPS:
+            points = self.points + length * towards
+            z = points[..., 2]
+            there = sample_at(self.depth, self.camera, points, cv2.BORDER_REPLICATE)
+            lit[(z > _NEAREST) & (there < z - _CLEARANCE * STANDOFF)] = 0.0
+        return np.asarray(cv2.GaussianBlur(lit, (0, 0), 0.7))

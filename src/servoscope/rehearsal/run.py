@@ -1,0 +1,208 @@
+"""A rehearsal: the loop under the scoreboard's conditions, on images rendered of a model's view."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.errors import InvalidInputError
+from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
+from servoscope.positioning.keyframe_model import KeyframeModel
+from servoscope.processes import in_processes, one_blas_thread
+from servoscope.progress import ProgressBar, no_progress
+from servoscope.rehearsal.rendered_cell import cell_at_reference, cell_at_start
+from servoscope.rehearsal.summary import summarise_rehearsal
+from servoscope.rehearsal.true_view import OwnErrors
+from servoscope.scoreboard.cell import start_direction
+from servoscope.scoreboard.conditions import CONDITIONS
+from servoscope.scoreboard.methods import loop_settings
+from servoscope.scoreboard.trial import Trial, run_trial
+
+Array = NDArray[np.float64]
+
+STARTS = 20
+"""Starts under each condition."""
+
+REHEARSED = tuple(name for name in CONDITIONS if CONDITIONS[name].is_of_images)
+"""The conditions that can be made of images of a part."""
+
+_STARTS_PER_CALL = 2
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """What a rehearsal is made of.
+
+    Parameters
+    ----------
+    model : KeyframeModel
+        Learned levels hold no view to render: see `as_keyframe_model`.
+    starts : int
+        Under each condition.
+    seed : int
+        Of the starts, of the views' errors, of disturbances and noise.
+    range_mm, range_deg : float, optional
+        Largest displacement of a start along and about each axis, about the pivot; by default the
+        range that the model's images were asked for with, or else the largest of its images.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is no start, or a range is not positive.
+    """
+
+    model: KeyframeModel
+    starts: int = STARTS
+    seed: int = 0
+    range_mm: float | None = None
+    range_deg: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.starts, int) or self.starts < 1:
+            raise InvalidInputError(f"starts must be a whole number from 1, got {self.starts!r}.")
+        for name in ("range_mm", "range_deg"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < np.inf:
+                raise InvalidInputError(f"{name} must be a positive number, got {value!r}.")
+
+    @cached_property
+    def ranges(self) -> Array:
+        """Largest displacements of a start about the pivot, (6,), [m] and [rad]."""
+        source = self.model.trained_on
+        asked = np.array(self.model.reach, dtype=float)
+        for part, name, given in (
+            (slice(0, 3), "translation_mm", self.range_mm),
+            (slice(3, 6), "rotation_deg", self.range_deg),
+        ):
+            value = source.get(name) if given is None else given
+            if isinstance(value, int | float) and 0 < value < np.inf:
+                asked[part] = value / DISPLAY_FACTORS[part]
+        return asked
+
+    @cached_property
+    def errors(self) -> OwnErrors:
+        """How far the model's keyframe is from the truth."""
+        with one_blas_thread():
+            return OwnErrors.of(self.model)
+
+    def run(
+        self, condition: str, *, n_jobs: int = -1, progress: ProgressBar = no_progress
+    ) -> dict[str, Any]:
+        """All starts under a condition of `REHEARSED`.
+
+        Parameters
+        ----------
+        condition : str
+        n_jobs : int
+            Processes, as joblib counts them; every number of them gives the same.
+        progress : ProgressBar
+
+        Returns
+        -------
+        dict
+            What `summarise_rehearsal` says, and ``starts``: for each its direction in shares of
+            the range, how it ended, and where.
+        """
+        check_conditions([condition])
+        numbers = range(self.starts)
+        blocks = [numbers[k : k + _STARTS_PER_CALL] for k in numbers[::_STARTS_PER_CALL]]
+        what = (self.model, self.errors, self.ranges, condition, self.seed)
+        trials: list[Trial] = []
+        with progress(condition, self.starts) as advance:
+            calls = [(block, *what) for block in blocks]
+            for block in in_processes(_run_block, calls, n_jobs):
+                trials += block
+                advance(len(trials))
+        factor = CONDITIONS[condition].factor
+        return {
+            **summarise_rehearsal(trials),
+            "starts": [
+                {
+                    "shares": (factor * start_direction(self.seed, k)).round(4).tolist(),
+                    "succeeded": trial.succeeded,
+                    "status": trial.status,
+                    "message": trial.message,
+                    "moves": trial.moves,
+                    "end_mm": trial.end_mm,
+                    "end_deg": trial.end_deg,
+                }
+                for k, trial in enumerate(trials)
+            ],
+        }
+
+    def first_image(self, condition: str) -> NDArray[np.uint8]:
+        """What is seen from the first start under a condition."""
+        with one_blas_thread():
+            cell = cell_at_start(
+                self.model, self.errors, self.ranges, condition, self.seed, start=0
+            )
+            return cell.read()
+
+    def described_ranges(self) -> dict[str, dict[str, Any]]:
+        """Largest displacement of a start in each dof, ``{"value", "unit"}``."""
+        values = (self.ranges * DISPLAY_FACTORS).round(6).tolist()
+        return {
+            dof: {"value": value, "unit": unit}
+            for dof, value, unit in zip(DOFS, values, DISPLAY_UNITS, strict=True)
+        }
+
+
+def check_conditions(names: Sequence[str]) -> tuple[str, ...]:
+    """The names themselves, if all are of `REHEARSED`.
+
+    Raises
+    ------
+    InvalidInputError
+        If one is not.
+    """
+    for name in names:
+        if name not in REHEARSED:
+            needs = " (that needs another part or robot)" if name in CONDITIONS else ""
+            raise InvalidInputError(
+                f"A condition that can be rehearsed is one of {', '.join(REHEARSED)}, got "
+                f"{name!r}{needs}."
+            )
+    return tuple(names)
+
+
+def as_keyframe_model(model: Any, where: str) -> KeyframeModel:
+    """The model itself, if it has a keyframe to render from.
+
+    Raises
+    ------
+    InvalidInputError
+        If it has none.
+    """
+    if isinstance(model, KeyframeModel):
+        return model
+    raise InvalidInputError(
+        f"Views are rendered from a keyframe, but {where} is a model of levels, which has none; "
+        "make one of 20 to 60 images of the range: servoscope train DATASET --method keyframe."
+    )
+
+
+def _run_block(
+    starts: range,
+    model: KeyframeModel,
+    errors: OwnErrors,
+    ranges: Array,
+    condition: str,
+    seed: int,
+) -> list[Trial]:
+    settings = loop_settings("ours", CONDITIONS[condition].repeatability)
+    reference = cell_at_reference(model)
+    with one_blas_thread():
+        return [
+            run_trial(
+                cell_at_start(model, errors, ranges, condition, seed, start),
+                reference,
+                model,
+                settings,
+            )
+            for start in starts
+        ]

@@ -1,0 +1,181 @@
+"""The view as it may really be: what a keyframe shows, with errors as large as its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from servoscope.keyframe import Keyframe
+from servoscope.keyframe.fitting import view_shifts
+from servoscope.keyframe.motion import conjugate
+from servoscope.keyframe.rendering import JUMP, draw, project
+from servoscope.keyframe.views import View
+from servoscope.poses import (
+    DISPLAY_FACTORS,
+    DOFS,
+    displacements_from_poses,
+    inverse_transform,
+    poses_from_displacements,
+)
+from servoscope.positioning.keyframe_model import KeyframeModel
+from servoscope.rehearsal.backdrop import Backdrop
+
+Array = NDArray[np.float64]
+
+WIDEST = 256
+"""Width that views are rendered at; wider images are enlarged from it, [px]."""
+
+_CORRELATED = 3.0
+_MOST_RELIEF = 0.05
+_SHOWN = 3
+_NORMAL_MEDIAN = 0.6745
+
+
+@dataclass(frozen=True)
+class OwnErrors:
+    """How far a keyframe is from the truth.
+
+    Parameters
+    ----------
+    reading : ndarray of shape (6,)
+        Standard deviation of what is read of each dof about the pivot, per radian that the view is
+        shifted.
+    relief : float
+        Standard deviation of its inverse depths where the images agree least, relative.
+    """
+
+    reading: Array
+    relief: float
+
+    @classmethod
+    def of(cls, model: KeyframeModel) -> OwnErrors:
+        """As the images that were held out and the residuals of those that were fitted show.
+
+        The relief is as wrong as it must be for the residual of the fitted images that noise does
+        not explain.
+        """
+        keyframe = model.keyframe
+        reading = keyframe.model_error
+        if "median" in model.accuracy:
+            median = np.array([model.accuracy["median"][dof] for dof in DOFS]) / DISPLAY_FACTORS
+            shift = float(np.median(shifts(keyframe, keyframe.displacements)))
+            reading = np.maximum(reading, median / _NORMAL_MEDIAN / max(shift, 1e-3))
+        return cls(reading, relief_error(keyframe))
+
+
+def shifts(keyframe: Keyframe, displacements: Array) -> Array:
+    """By how much displacements move what is seen, roughly, [rad], shape (n,)."""
+    moved = np.stack([conjugate(keyframe.mount, D) for D in displacements])
+    return view_shifts(moved, 1 / float(np.median(keyframe.inverse_depth)))
+
+
+def relief_error(keyframe: Keyframe) -> float:
+    """Relative standard deviation of inverse depths that explains the fitted images' residual."""
+    view = View.of(keyframe.reference_image, min(128, keyframe.reference_image.shape[1]), 1.0)
+    rng = np.random.default_rng(0)
+    noise = view.prepare(rng.normal(0, keyframe.noise, keyframe.reference_image.shape))
+    wanted = float(np.sqrt(max(keyframe.residual**2 - float(noise.var()), 0.0)))
+    order = np.argsort(shifts(keyframe, keyframe.displacements), kind="stable")
+    shown = keyframe.displacements[
+        order[np.linspace(0, len(order) - 1, _SHOWN + 2).astype(int)[1:-1]]
+    ]
+    clean = [keyframe.render(D, view.width) for D in shown]
+    errors = [_relief_field(keyframe, rng) for _ in shown]
+
+    def excess(deviation: float) -> float:
+        squares = []
+        for D, field, (image, known) in zip(shown, errors, clean, strict=True):
+            off = replace(keyframe, inverse_depth=keyframe.inverse_depth * (1 + deviation * field))
+            other, also_known = off.render(D, view.width)
+            seen = known & also_known
+            r = cv2.GaussianBlur(image.astype(float) - other, (0, 0), 1.0)[seen]
+            squares.append(np.mean(r**2 / (1 + (r / (3 * max(wanted, 0.5))) ** 2)))
+        return float(np.sqrt(np.mean(squares))) - wanted
+
+    if excess(0.0) >= 0:
+        return 0.0
+    if excess(_MOST_RELIEF) <= 0:
+        return _MOST_RELIEF
+    return float(brentq(excess, 0.0, _MOST_RELIEF, xtol=1e-3, rtol=0.05))
+
+
+def _relief_field(keyframe: Keyframe, rng: np.random.Generator) -> NDArray[np.float32]:
+    """A smooth random field over the relief, of deviation 1 where the images agree least."""
+    field = cv2.GaussianBlur(rng.standard_normal(keyframe.trust.shape), (0, 0), _CORRELATED)
+    return np.asarray(field / field.std() * (1.1 - keyframe.trust) / 1.1, dtype=np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class TrueView:
+    """What a camera may see of the part that a keyframe is of.
+
+    A keyframe explains the images that are rendered of it perfectly, which no real image is. So
+    its relief is changed, and what is seen at a displacement is rendered at another one, off by
+    errors like those of reading images that were held out; both vanish at the reference.
+
+    Parameters
+    ----------
+    keyframe : Keyframe
+        With a relief and a light of its own.
+    misreading : ndarray of shape (6,)
+        How far off the displacement is that images are rendered at, per radian that the view is
+        shifted, about the pivot, [m] and [rad].
+    """
+
+    keyframe: Keyframe
+    misreading: Array
+
+    @classmethod
+    def draw(cls, keyframe: Keyframe, errors: OwnErrors, rng: np.random.Generator) -> TrueView:
+        """A view with errors of those sizes, drawn at random."""
+        field = errors.relief * _relief_field(keyframe, rng)
+        relief = np.asarray(keyframe.inverse_depth * (1 + field), dtype=np.float32)
+        return cls(replace(keyframe, inverse_depth=relief), errors.reading * rng.standard_normal(6))
+
+    def relit(self, change: NDArray[np.float32]) -> TrueView:
+        """The view with each pixel of the reference so many times as bright."""
+        grey = np.clip(np.rint(self.keyframe.reference_image * change), 0, 255)
+        return replace(self, keyframe=replace(self.keyframe, reference_image=grey.astype(np.uint8)))
+
+    @cached_property
+    def _backdrop(self) -> Backdrop:
+        return Backdrop(self.keyframe, min(WIDEST, self.keyframe.reference_image.shape[1]))
+
+    @cached_property
+    def _depth(self) -> Array:
+        smooth = cv2.medianBlur(self.keyframe.inverse_depth, 5)
+        return self._backdrop.view.resize(smooth).astype(float)
+
+    def _rendered(self, T: Array) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+        """As `Keyframe.render`, without finding the rays of all pixels each time."""
+        view, rays = self._backdrop.view, self._backdrop.rays
+        seen = np.empty(rays.shape)
+        camera = self.keyframe.camera.values
+        rays = np.ascontiguousarray(rays[:, :2])
+        project(T, camera, view.aspect, rays, self._depth.ravel(), seen)
+        image, nearness = np.zeros(view.shape), np.zeros(view.shape)
+        mesh = seen.reshape(*view.shape, 3)
+        draw(view.grey.astype(float), mesh, self._depth, view.aspect, JUMP, image, nearness)
+        return np.rint(image.clip(0, 255)).astype(np.uint8), nearness > 0
+
+    def image(self, displacement: Array) -> NDArray[np.uint8]:
+        """What is seen at a displacement (4, 4), [m], without noise, (height, width).
+
+        Where the keyframe does not know what is there, the `Backdrop` is seen.
+        """
+        keyframe, pivot = self.keyframe, self.keyframe.pivot
+        (delta_p,) = displacements_from_poses(np.eye(4), displacement[None], pivot)
+        shift = shifts(keyframe, displacement[None])[0]
+        D = poses_from_displacements(np.eye(4), delta_p + shift * self.misreading, pivot)
+        T = inverse_transform(conjugate(keyframe.mount, D))
+        seen, known = self._rendered(T)
+        image = np.where(known, seen, self._backdrop.render(T))
+        height, width = keyframe.reference_image.shape
+        if image.shape != (height, width):
+            image = cv2.resize(image, (width, height), interpolation=cv2.INTER_CUBIC)
+        return np.asarray(image, dtype=np.uint8)
