@@ -21,6 +21,9 @@ from servoscope.positioning.reference_view import SIZE, similarity
 KIND = "keyframe"
 """What ``model.json`` calls a model of this kind."""
 
+RESIDUAL = "held_out_residual"
+"""The array of a model folder that holds the residuals of images held out, by pixel."""
+
 LEAST_IMAGES = 15
 """Images that a model needs, so that some can be held out."""
 
@@ -45,12 +48,15 @@ class KeyframeModel:
         Where its images come from, as plain JSON values.
     accuracy : dict
         What was found on images that were held out, as plain JSON values.
+    residual : ndarray of shape (rows, columns), float32, optional
+        Residuals of images held out, by pixel of the reference image, in multiples of the noise.
     """
 
     keyframe: Keyframe
     reach: Array
     trained_on: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
+    residual: NDArray[np.float32] | None = None
 
     @property
     def image_shape(self) -> tuple[int, int]:
@@ -111,10 +117,12 @@ class KeyframeModel:
             "similarity": float(np.median(looks.similarity)),
             "n_images": len(shown),
             "residual": keyframe.residual,
+            "residual_over_noise": looks.residual_over_noise,
             "noise": keyframe.noise,
             "observable": keyframe.observable,
         }
-        return cls(keyframe, data.ranges(), dict(data.source), accuracy)
+        residual = np.asarray(looks.residual_map / looks.noise, np.float32)
+        return cls(keyframe, data.ranges(), dict(data.source), accuracy, residual)
 
     def estimate(self, image: Image, previous: Estimate | None = None) -> Estimate:
         """Where an image was taken.
@@ -167,7 +175,10 @@ class KeyframeModel:
             "trained_on": self.trained_on,
             "accuracy": self.accuracy,
         }
-        write_model(folder, header, self.keyframe.to_arrays(), force=force)
+        arrays = self.keyframe.to_arrays()
+        if self.residual is not None:
+            arrays[RESIDUAL] = self.residual
+        write_model(folder, header, arrays, force=force)
 
     @classmethod
     def restore(
@@ -185,7 +196,10 @@ class KeyframeModel:
             raise ValueError("its reference image is not of its image size")
         if reach.shape != (6,) or not (np.isfinite(reach) & (reach > 0)).all():
             raise ValueError("its reach is not six positive numbers")
-        return cls(keyframe, reach, dict(header["trained_on"]), dict(header["accuracy"]))
+        return cls(
+            keyframe, reach, dict(header["trained_on"]), dict(header["accuracy"]),
+            arrays.get(RESIDUAL),
+        )  # fmt: skip
 
 
 def error_shares(errors: Array, truth: Array) -> Array:
