@@ -377,5 +377,5 @@ def _said(errors: Array) -> str:
 
 
 def _times(ratios: dict[str, float]) -> str:
-    said = ", ".join(f"{dof} {ratio:.2g} times" for dof, ratio in ratios.items())
+    said = ", ".join(f"{dof} {ratio:.2f} times" for dof, ratio in ratios.items())
     return f"{said} what is asked"
