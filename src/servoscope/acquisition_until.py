@@ -160,7 +160,7 @@ def take_until(
     while True:
         if len(images) < edge:
             more = take(len(images), wanted[len(images) - edge :])
-            images, poses = (np.concatenate(p) for p in zip((images, poses), more, strict=True))
+            images, poses = np.concatenate([images, more[0]]), np.concatenate([poses, more[1]])
         standing = _standing(
             images[:edge], poses[:edge], reference_image, T_world_ref, request, pivot, ranges,
             pose_noise, seed, n_jobs,

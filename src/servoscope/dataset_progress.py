@@ -63,7 +63,8 @@ def keep_image(
     """Keep image i with its pose, whole or not at all, where it is not known how many will be."""
     kept = Path(folder) / _KEPT
     kept.mkdir(exist_ok=True)
-    arrays = {"image": image, "pose": pose, "n_replaced": np.array(n_replaced)}
+    arrays: dict[str, NDArray[Any]] = {"image": image, "pose": pose}
+    arrays["n_replaced"] = np.array(n_replaced)
     write_arrays(kept / f"{i:06d}.npz", arrays)
 
 
@@ -77,7 +78,7 @@ def kept_images(
     DataSetError
         If one of them is damaged.
     """
-    kept = []
+    kept: list[dict[str, NDArray[Any]]] = []
     while (path := Path(folder) / _KEPT / f"{len(kept):06d}.npz").exists():
         arrays = read_arrays(path, ("image", "pose", "n_replaced"), DataSetError)
         image, pose = arrays["image"], arrays["pose"]

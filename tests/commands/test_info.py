@@ -130,6 +130,17 @@ def test_a_keyframe_model_is_one_table_of_eighty_columns(keyframe_model, capsys)
     assert facts_of(folder, capsys)["limit"]["tx"] == pytest.approx(1e3 * keyframe.limit().std[0])
 
 
+@pytest.mark.parametrize(
+    "accuracy",
+    [None, 3, {"rings": [1]}, {"rings": 2}, {"median": {}, "quantile_90": {}}, {"median": ERRORS},
+     {"rings": [{"mm": "x", "deg": 1, "clean": ERRORS, "disturbed": ERRORS}]}],
+)  # fmt: skip
+def test_an_accuracy_that_is_no_table_is_printed_as_it_is(tmp_path, capsys, accuracy):
+    write_model(tmp_path / "model", {**HEADER, "accuracy": accuracy}, {})
+    assert main(["info", str(tmp_path / "model")]) == 0
+    assert "pivot mm" in capsys.readouterr().out
+
+
 def test_a_view_without_depth_is_said_to_read_rotations_alone():
     line = observability({"depth": False, "mount_rotation": True})
     assert line.startswith("not observable: depth is not known, so translations are not read")

@@ -20,8 +20,21 @@ _NEEDED = {
 
 
 def has_table(accuracy: Any) -> bool:
-    """Whether the accuracy of a model's header can be shown as a table."""
-    return isinstance(accuracy, Mapping) and bool({"rings", "median"} & accuracy.keys())
+    """Whether the accuracy of a model's header, which may be anybody's, can be shown as a table."""
+    try:
+        if "rings" in accuracy:
+            rings = [(r["mm"], r["deg"], r["clean"], r["disturbed"]) for r in accuracy["rings"]]
+            numbers = [x for mm, deg, *kinds in rings for x in (mm, deg, *_of_dofs(*kinds))]
+        else:
+            numbers = _of_dofs(accuracy["median"], accuracy["quantile_90"])
+            numbers += [accuracy[name] for name in ("n_images", "residual", "noise")]
+        return all(type(x) in (int, float) for x in numbers)
+    except (KeyError, TypeError):
+        return False
+
+
+def _of_dofs(*values: Mapping[str, Any]) -> list[Any]:
+    return [errors[dof] for errors in values for dof in DOFS]
 
 
 def print_accuracy(
@@ -66,7 +79,7 @@ def print_accuracy(
                 errors = [f"{ring[kind][dof]:.3f}" for dof in DOFS]
                 table.add_row(f"{ring['mm']:.3g} mm, {ring['deg']:.3g} deg", kind, *errors)
     console().print(table)
-    if "observable" in accuracy:
+    if isinstance(accuracy.get("observable"), Mapping):
         console().print(observability(accuracy["observable"]), soft_wrap=True)
 
 

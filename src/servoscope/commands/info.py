@@ -161,21 +161,22 @@ def _print_model(folder: Path) -> None:
     from servoscope.commands.output import print_facts
 
     facts = describe_model(folder)
-    accuracy, limit = facts.get("accuracy"), facts.pop("limit", None)
+    accuracy: Any = facts.get("accuracy")
     if not has_table(accuracy):
         print_facts(facts)
         return
     del facts["accuracy"]
-    ranges = None
+    ranges, limit = None, facts.pop("limit", None)
     if limit is not None:
         source = facts.pop("trained_on", {})
         told = [str(source[key]) for key in ("kind", "rings", "robot") if key in source]
         facts["trained on"] = f"{accuracy['n_images']} images" + "".join(f", {x}" for x in told)
         residual = f"residual {accuracy['residual']:.2g} grey, noise {accuracy['noise']:.2g} grey"
-        if "residual_over_noise" in accuracy:
+        if _is_number(accuracy.get("residual_over_noise")):
             residual += f"; held out {accuracy['residual_over_noise']:.2g} times the noise"
         facts["images explained"] = residual
-        ranges = {dof: float(text.split()[0]) for dof, text in facts.pop("ranges", {}).items()}
+        shown = facts.pop("ranges", None)
+        ranges = shown and {dof: float(text.split()[0]) for dof, text in shown.items()}
     print_facts(facts)
     print_accuracy(accuracy, ranges=ranges, limit=limit)
 

@@ -106,7 +106,7 @@ def draw_keyframe(
     figure = Figure(
         figsize=(14, rows * (2.1 * height / width + 0.35)), facecolor="white", layout="constrained"
     )
-    parts = figure.subfigures(rows, 1, height_ratios=[1.1] + [1.0] * (rows - 1))
+    parts: Any = figure.subfigures(rows, 1, height_ratios=[1.1] + [1.0] * (rows - 1))
     _draw_view(parts[0], keyframe, residual)
     _draw_dofs(parts[1], limit.shares, keyframe.reference_image, _limit_titles(limit))
     parts[1].suptitle(
