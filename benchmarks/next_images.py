@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +49,7 @@ def tables(quick: bool) -> Iterator[Findings]:
 
 
 def _chosen(names: list[str], seeds: range, errors: dict[str, Errors]) -> Findings:
-    rows: list[tuple[object, ...]] = []
+    rows: list[tuple[str, ...]] = []
     for name in names:
         ratios = []
         for seed in seeds:
@@ -70,9 +70,9 @@ def _chosen(names: list[str], seeds: range, errors: dict[str, Errors]) -> Findin
             for label, median in zip(
                 (f"{FIRST} images", f"+ {NEXT} at random", f"+ {NEXT} chosen"), medians, strict=True
             ):
-                rows.append((f"{name}, draw {seed}: {label}", *median))
+                rows.append(_row(f"{name}, draw {seed}: {label}", median))
             ratios.append(np.log(medians[2] / medians[1]))
-        rows.append((f"{name}: chosen / random", *np.exp(np.mean(ratios, axis=0))))
+        rows.append(_row(f"{name}: chosen / random", np.exp(np.mean(ratios, axis=0))))
     return Findings(
         "Images chosen where most is learned",
         f"{FIRST} images drawn from the range, and {NEXT} more; median errors of one look at 40 "
@@ -85,7 +85,7 @@ def _chosen(names: list[str], seeds: range, errors: dict[str, Errors]) -> Findin
 def _forecasts(
     names: list[str], seeds: range, errors: dict[str, Errors], sizes: tuple[int, ...]
 ) -> Findings:
-    rows: list[tuple[object, ...]] = []
+    rows: list[tuple[str, ...]] = []
     ratios = []
     for name in names:
         for seed in seeds:
@@ -101,8 +101,10 @@ def _forecasts(
                     keyframe, looks, data.delta_p()[:n], RANGES, pose_noise=POSE_NOISE
                 )
                 median = np.median(errors[name](keyframe, data.T_world_ref), axis=0)
-                rows.append((f"{name}, draw {seed}, {n}: forecast", *found.look * DISPLAY_FACTORS))
-                rows.append((f"{name}, draw {seed}, {n}: true", *median))
+                rows.append(
+                    _row(f"{name}, draw {seed}, {n}: forecast", found.look * DISPLAY_FACTORS)
+                )
+                rows.append(_row(f"{name}, draw {seed}, {n}: true", median))
                 ratios.append(found.look * DISPLAY_FACTORS / median)
     ratio = np.array(ratios)
     for label, row in (
@@ -110,7 +112,7 @@ def _forecasts(
         ("true error at most 1.5 times the forecast", np.mean(ratio >= 1 / 1.5, axis=0)),
         ("median of forecast / truth", np.median(ratio, axis=0)),
     ):
-        rows.append((label, *row))
+        rows.append(_row(label, row))
     return Findings(
         "Forecasts of one look against the truth",
         "median error of one look from anywhere in the range: forecast from three groups held out, "
@@ -120,15 +122,19 @@ def _forecasts(
     )
 
 
+def _row(label: str, values: Iterable[float]) -> tuple[str, ...]:
+    return label, *(f"{value:.2g}" for value in values)
+
+
 def _until(errors: Errors) -> Findings:
-    rows: list[tuple[object, ...]] = []
+    rows: list[tuple[str, ...]] = []
     with tempfile.TemporaryDirectory() as folder:
         config = AcquisitionConfig(n_images=100, robot="arm")
         data = acquire_until(Path(folder) / "arm", config, parse_accuracy(REQUEST), n_jobs=1)
     forecast = data.source["forecast"]
     median = np.median(errors(_fit(data.images, data.T_world_cam, data), data.T_world_ref), axis=0)
-    rows.append((f"{len(data)} images: forecast", *forecast["look"].values()))
-    rows.append((f"{len(data)} images: true", *median))
+    rows.append(_row(f"{len(data)} images: forecast", forecast["look"].values()))
+    rows.append(_row(f"{len(data)} images: true", median))
     return Findings(
         "Moves of the arm for a stated accuracy",
         f"servoscope acquire arm --robot arm --until {REQUEST}; a move an image",

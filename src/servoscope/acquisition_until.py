@@ -149,7 +149,7 @@ def take_until(
 
     Raises
     ------
-    DataSetError
+    InvalidInputError
         If no keyframe can be fitted to the images.
     """
     empty = np.empty((0, *reference_image.shape), np.uint8), np.empty((0, 4, 4))
@@ -225,7 +225,7 @@ def acquire_until(
         If another command is writing there.
     RobotFaultError
         If the robot reaches none of the poses that are drawn for an image.
-    DataSetError
+    InvalidInputError
         If no keyframe can be fitted to the images.
     """
     if config.n_reference_images is None:
