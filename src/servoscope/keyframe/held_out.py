@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,7 +31,7 @@ class HeldOutLooks:
         What was believed of it.
     similarity : ndarray of shape (n,)
     residual : ndarray of shape (n,)
-        Root mean square of the residuals of each image, [grey].
+        Robust standard deviation of the residuals of each image, [grey].
     residual_map : ndarray of shape (rows, columns), float32
         The same of each pixel of the reference over the images that see it, [grey]; NaN where none
         does.
@@ -101,13 +102,12 @@ def held_out_looks(
     order = np.argsort(np.argsort(group, kind="stable"), kind="stable")
     columns = list(zip(*parts, strict=True))
     errors, std, similarity, maps = (np.concatenate(column)[order] for column in columns[:4])
-    squares = maps**2
     return HeldOutLooks(
         errors,
         std,
         similarity,
-        np.sqrt(mean_seen(squares, axis=(1, 2))),
-        np.sqrt(mean_seen(squares, axis=0)),
+        deviation(maps, axis=(1, 2)),
+        deviation(maps, axis=0),
         float(np.mean(columns[4])),
     )
 
@@ -137,8 +137,8 @@ def _read(
     )
 
 
-def mean_seen(values: NDArray[np.float32], axis: int | tuple[int, ...]) -> NDArray[np.float32]:
-    """Mean of those that are not NaN; NaN where all are."""
-    seen = np.isfinite(values)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.where(seen, values, 0).sum(axis) / seen.sum(axis), np.float32)
+def deviation(residuals: NDArray[np.float32], axis: int | tuple[int, ...]) -> NDArray[np.float32]:
+    """Robust standard deviation of those that are not NaN; NaN where all are."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.asarray(1.4826 * np.nanmedian(np.abs(residuals), axis=axis), np.float32)
