@@ -118,9 +118,9 @@ def test_a_keyframe_model_is_one_table_of_eighty_columns(keyframe_model, capsys)
     assert main(["info", str(folder)]) == 0
     out = capsys.readouterr().out
     table = out[out.index("Error of one look") :]
-    assert max(map(len, table.splitlines()[:-1])) <= 81
+    assert max(map(len, table.splitlines()[:-1])) <= 80
     assert len(out.splitlines()) < 25
-    (limit,) = [line for line in table.splitlines() if "limit of the view" in line]
+    (limit,) = [line for line in table.splitlines() if "limit of view" in line]
     shown = [float(cell) for cell in limit.split("│")[2:8]]
     np.testing.assert_allclose(shown, keyframe.limit().std * DISPLAY_FACTORS, rtol=0.06)
     assert "0.37" in table

@@ -62,7 +62,7 @@ def print_accuracy(
     if is_keyframe:
         rows = (
             ("range", ranges),
-            ("limit of the view (sd)", limit),
+            ("limit of view (sd)", limit),
             ("median", accuracy["median"]),
             ("90 % are below", accuracy["quantile_90"]),
         )

@@ -106,7 +106,7 @@ def held_out_looks(
         errors,
         std,
         similarity,
-        deviation(maps, axis=(1, 2)),
+        deviation(maps, axis=(1, 2)).astype(float),
         deviation(maps, axis=0),
         float(np.mean(columns[4])),
     )
