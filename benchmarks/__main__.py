@@ -24,6 +24,7 @@ KERNELS = (
     "faults",
     "keyframe",
     "rehearsal",
+    "next_images",
 )
 
 

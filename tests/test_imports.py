@@ -22,7 +22,7 @@ ROOMS = (
     ("dataset_folder",),
     ("dataset",),
     ("dataset_faults",),
-    ("splits", "schedule"),
+    ("splits", "schedule", "requested_accuracy"),
     ("scene", "formats"),
     ("robots",),
     ("acquisition_config",),
@@ -32,6 +32,7 @@ ROOMS = (
     ("selection",),
     ("regression",),
     ("keyframe",),
+    ("acquisition_until",),
     ("positioning",),
     ("assessment",),
     ("sensitivity",),
@@ -44,7 +45,7 @@ ROOMS = (
     ("__main__",),
 )
 RANK = {room: rank for rank, rooms in enumerate(ROOMS) for room in rooms}
-EDGE = {"scene", "formats", "robots", "acquisition_config", "acquisition"}
+EDGE = {"scene", "formats", "robots", "acquisition_config", "acquisition", "acquisition_until"}
 CORE = {"features", "kernels", "selection", "regression", "keyframe"}
 
 

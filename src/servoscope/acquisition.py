@@ -111,7 +111,7 @@ def _take_all(
         progress = _write(folder, progress, *taken)
         if on_progress is not None:
             on_progress(progress.n_done)
-    ((reference_image, T_world_ref),) = in_processes(_take_reference, [(config,)], n_jobs)
+    ((reference_image, T_world_ref),) = in_processes(take_reference, [(config,)], n_jobs)
     dataset_folder.finish(
         folder,
         reference_image=reference_image,
@@ -184,12 +184,12 @@ def _blocks(start: int, stop: int) -> list[range]:
 def _take_block(config: AcquisitionConfig, block: range) -> tuple[Images, Array, int]:
     """Images, the poses that the robot reported, and how many draws were replaced."""
     T_world_ref, displacements = config.reference(), config.displacements()
-    taken = [_take_image(config, T_world_ref, i, displacements[i]) for i in block]
+    taken = [take_image(config, T_world_ref, i, displacements[i]) for i in block]
     images, poses, n_replaced = zip(*taken, strict=True)
     return np.stack(images), np.stack(poses), sum(n_replaced)
 
 
-def _take_image(
+def take_image(
     config: AcquisitionConfig, T_world_ref: Array, i: int, first: Array
 ) -> tuple[Images, Array, int]:
     """Image `i`, where it was taken, and how many draws could not be reached.
@@ -213,7 +213,7 @@ def _take_image(
     )
 
 
-def _take_reference(config: AcquisitionConfig) -> tuple[Images, Array]:
+def take_reference(config: AcquisitionConfig) -> tuple[Images, Array]:
     """The mean of some images at the reference, and the pose that the robot reports there."""
     robot = make_robot(config.robot, config.scene(), config.repeatability(), config.camera_rng())
     images = [robot.read() for _ in range(config.plan()["n_reference_images"])]

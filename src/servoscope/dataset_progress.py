@@ -12,13 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import DataSetError
-from servoscope.files import write_json
+from servoscope.files import write_arrays, write_json
+from servoscope.storage.archives import read_arrays
 from servoscope.storage.reading import read_json
 from servoscope.storage.stacks import PER_CHUNK, create_stack, read_stack, write_stack
 
 Folder = str | PathLike[str]
 
 IMAGES_PER_CHUNK = PER_CHUNK
+
+_KEPT = "taken"
 
 
 class Progress(NamedTuple):
@@ -54,6 +57,43 @@ def read_poses(folder: Folder, n_images: int) -> NDArray[np.float64]:
     return read_stack(Path(folder) / "poses.zarr", (n_images, 4, 4), "float64")
 
 
+def keep_image(
+    folder: Folder, i: int, image: NDArray[np.uint8], pose: NDArray[np.float64], n_replaced: int
+) -> None:
+    """Keep image i with its pose, whole or not at all, where it is not known how many will be."""
+    kept = Path(folder) / _KEPT
+    kept.mkdir(exist_ok=True)
+    arrays: dict[str, NDArray[Any]] = {"image": image, "pose": pose}
+    arrays["n_replaced"] = np.array(n_replaced)
+    write_arrays(kept / f"{i:06d}.npz", arrays)
+
+
+def kept_images(
+    folder: Folder,
+) -> tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.int_]]:
+    """Images kept by `keep_image`, their poses, and how many draws each replaced, in order.
+
+    Raises
+    ------
+    DataSetError
+        If one of them is damaged.
+    """
+    kept: list[dict[str, NDArray[Any]]] = []
+    while (path := Path(folder) / _KEPT / f"{len(kept):06d}.npz").exists():
+        arrays = read_arrays(path, ("image", "pose", "n_replaced"), DataSetError)
+        image, pose = arrays["image"], arrays["pose"]
+        alike = not kept or image.shape == kept[0]["image"].shape
+        if image.dtype != np.uint8 or image.ndim != 2 or pose.shape != (4, 4) or not alike:
+            raise DataSetError(f"{path} holds no image with its pose; begin again with --force.")
+        kept.append(arrays)
+    if not kept:
+        return np.empty((0, 0, 0), np.uint8), np.empty((0, 4, 4)), np.empty(0, int)
+    images, poses, replaced = (
+        np.stack([arrays[name] for arrays in kept]) for name in ("image", "pose", "n_replaced")
+    )
+    return images, poses, replaced
+
+
 def write_progress(folder: Folder, progress: Progress) -> None:
     """Note how far the data set has come."""
     write_json(Path(folder) / "acquisition.json", progress._asdict())
@@ -82,5 +122,6 @@ def read_progress(folder: Folder) -> Progress | None:
 
 def forget_progress(folder: Folder) -> None:
     """Remove what is kept of an unfinished data set but its images."""
-    shutil.rmtree(Path(folder) / "poses.zarr", ignore_errors=True)
+    for part in ("poses.zarr", _KEPT):
+        shutil.rmtree(Path(folder) / part, ignore_errors=True)
     (Path(folder) / "acquisition.json").unlink(missing_ok=True)

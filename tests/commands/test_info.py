@@ -2,12 +2,18 @@
 
 import json
 
+import cv2
 import numpy as np
 import pytest
 
+from servoscope import CameraModel, Keyframe
 from servoscope.cli import main
+from servoscope.commands.accuracy import observability
 from servoscope.commands.output import print_facts
+from servoscope.poses import DISPLAY_FACTORS, DOFS
+from servoscope.positioning import KeyframeModel
 from servoscope.positioning.model_folder import write_model
+from servoscope.report.figures.keyframe import plot_shares
 
 HEADER = {
     "trained_on": {"images": 1800, "part": "cylinder_head", "note": "evil\x1b[2J\nnote"},
@@ -80,3 +86,92 @@ def test_sentences_are_shown_one_after_the_other(capsys, warnings, shown):
     out = capsys.readouterr().out
     assert out.splitlines()[0].split(maxsplit=1)[1].strip() == shown
     assert "320 x 240" in out
+
+
+ERRORS = dict(zip(DOFS, [0.123, 0.08, 0.37, 0.037, 0.049, 0.021], strict=True))
+
+
+@pytest.fixture(scope="module")
+def keyframe_model(tmp_path_factory):
+    """A model of a plate 0.5 m away, lit from the left half alone."""
+    grey = np.random.default_rng(0).integers(20, 235, (48, 64), dtype=np.uint8)
+    grey[:, 40:] = 90
+    flat = np.full((24, 32), 2.0, np.float32)
+    keyframe = Keyframe(
+        grey, CameraModel(1.5), np.eye(4), flat, np.ones_like(flat), np.eye(4)[None],
+        np.zeros((20, 20)), np.zeros(6), pivot=0.5, residual=2.0, noise=1.5,
+    )  # fmt: skip
+    accuracy = {
+        "median": ERRORS, "quantile_90": {d: 2 * e for d, e in ERRORS.items()}, "n_images": 40,
+        "residual": 2.0, "noise": 1.5, "residual_over_noise": 3.2,
+        "observable": keyframe.observable,
+    }  # fmt: skip
+    residual = np.full((24, 32), 1.5, np.float32)
+    folder = tmp_path_factory.mktemp("keyframe") / "model"
+    source = {"kind": "imported", "n_images": 40}
+    KeyframeModel(keyframe, np.full(6, 0.025), source, accuracy, residual).save(folder)
+    return folder, keyframe
+
+
+def test_a_keyframe_model_is_one_table_of_eighty_columns(keyframe_model, capsys):
+    folder, keyframe = keyframe_model
+    assert main(["info", str(folder)]) == 0
+    out = capsys.readouterr().out
+    table = out[out.index("Error of one look") :]
+    assert max(map(len, table.splitlines()[:-1])) <= 80
+    assert len(out.splitlines()) < 25
+    (limit,) = [line for line in table.splitlines() if "limit of view" in line]
+    shown = [float(cell) for cell in limit.split("│")[2:8]]
+    np.testing.assert_allclose(shown, keyframe.limit().std * DISPLAY_FACTORS, rtol=0.06)
+    assert "0.37" in table
+    assert "0.74" in table
+    assert "3.2 times the noise" in out
+    assert "observable: depth" in out
+    assert facts_of(folder, capsys)["limit"]["tx"] == pytest.approx(1e3 * keyframe.limit().std[0])
+
+
+@pytest.mark.parametrize(
+    "accuracy",
+    [None, 3, {"rings": [1]}, {"rings": 2}, {"median": {}, "quantile_90": {}}, {"median": ERRORS},
+     {"rings": [{"mm": "x", "deg": 1, "clean": ERRORS, "disturbed": ERRORS}]}],
+)  # fmt: skip
+def test_an_accuracy_that_is_no_table_is_printed_as_it_is(tmp_path, capsys, accuracy):
+    write_model(tmp_path / "model", {**HEADER, "accuracy": accuracy}, {})
+    assert main(["info", str(tmp_path / "model")]) == 0
+    assert "pivot mm" in capsys.readouterr().out
+
+
+def test_a_view_without_depth_is_said_to_read_rotations_alone():
+    line = observability({"depth": False, "mount_rotation": True})
+    assert line.startswith("not observable: depth is not known, so translations are not read")
+    assert len(line.splitlines()) == 1
+
+
+def test_the_figure_shows_where_each_dof_is_read(keyframe_model, tmp_path):
+    folder, keyframe = keyframe_model
+    assert main(["info", str(folder), "--figure", str(tmp_path / "view.png"), "--json"]) == 0
+    picture = cv2.imread(str(tmp_path / "view.png"), cv2.IMREAD_GRAYSCALE)
+    assert picture.shape[1] > 1500
+    shares = keyframe.limit().shares
+    axes = plot_shares(shares[0], keyframe.reference_image, title="tx: 0.01 mm")
+    image, shown = (drawn.get_array() for drawn in axes.images)
+    assert image.shape == shown.shape == (48, 64)
+    assert shown[:, :38].mean() > 10 * shown[:, 44:].mean()  # nothing is read where all is alike
+    dark, light = axes.images[1].get_cmap()([0.9, 0.1])[:, :3].mean(axis=1)
+    assert dark < light
+    assert axes.figure.axes[1].get_ylabel() == "times an average pixel"
+
+
+def test_a_figure_of_what_is_no_keyframe_is_refused_in_one_line(tmp_path, capsys):
+    write_model(tmp_path / "model", HEADER, ARRAYS)
+    arguments = ["info", str(tmp_path / "model"), "--figure", str(tmp_path / "view.png")]
+    assert main(arguments) == 1
+    err = capsys.readouterr().err
+    assert "--figure shows a keyframe model" in err
+    assert len(err.splitlines()) == 1
+    assert not (tmp_path / "view.png").exists()
+
+
+def test_a_figure_by_another_ending_is_refused(keyframe_model, tmp_path, capsys):
+    assert main(["info", str(keyframe_model[0]), "--figure", str(tmp_path / "view.jpg")]) == 1
+    assert "PNG file" in capsys.readouterr().err

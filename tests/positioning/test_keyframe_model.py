@@ -83,12 +83,16 @@ def test_first_guesses_bear_covering_noise_and_another_light(model) -> None:
         assert error_shares(np.array(guesses) - truth, truth).mean() < 0.8
 
 
+def cover(image: np.ndarray, seed: int) -> np.ndarray:
+    return Disturbances.only(covering=0.2).disturb(image, np.random.default_rng(seed))
+
+
 @pytest.mark.slow
 def test_the_camera_arrives_with_a_fifth_of_the_view_covered(model) -> None:
     for k, p in enumerate(0.6 * draw(8, 8)):
         cell = FlangeCell(p, noise=1.0)
-        read, covering = cell.read, Disturbances.only(covering=0.2)
-        cell.read = lambda k=k, read=read: covering.disturb(read(), np.random.default_rng(k))
+        read = cell.read
+        cell.read = lambda k=k, read=read: cover(read(), k)
         result = Positioner(model).run(cell, cell)
         distance, angle = pose_error(T_WORLD_REF, cell.pose @ T_FLANGE_CAM)
         assert result.status in ("converged", "limited"), result.message

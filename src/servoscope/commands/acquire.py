@@ -16,6 +16,7 @@ def acquire(
     out: DataSetOut,
     n_images: Annotated[int | None, IMAGES_OR_RINGS] = None,
     schedule: Annotated[str | None, IMAGES_OR_RINGS] = None,
+    until: str | None = None,
     image_size: int = 256,
     seed: int = 0,
     part: Part = "cylinder_head",
@@ -37,14 +38,19 @@ def acquire(
 
     Example: servoscope acquire head --n-images 1000 --image-size 256 --seed 0
 
+    Example: servoscope acquire cell --until t=0.1mm,r=0.02deg
+
     Example: servoscope acquire rings --schedule 1000@1.0,400@0.2,400@0.03
 
     Example: servoscope acquire plane --schedule default --part textured_plane --robot arm
 
     Args:
-        n_images: Number of images, drawn from the whole range; 1000 by default.
+        n_images: Number of images, drawn from the whole range; 1000 by default. With --until,
+            the most that are taken; 100 by default.
         schedule: Rings to take instead, IMAGES@FACTOR each, FACTOR being the share of the range
             that a ring is drawn from; "default" takes those recommended for positioning.
+        until: Largest median error of one look from anywhere in the range. Images are taken where
+            most is learned of the view, until the forecast meets it.
         image_size: Height and width of the images, in pixels.
         seed: Seed of the poses and of the noise.
         variant: Another number, from 0, gives another part of the kind.
@@ -56,12 +62,24 @@ def acquire(
     """
     from servoscope.acquisition import AcquisitionConfig
     from servoscope.acquisition import acquire as acquire_images
+    from servoscope.acquisition_until import FIRST, MOST_IMAGES, acquire_until
     from servoscope.commands.info import describe_data_set
     from servoscope.commands.options import n_jobs
-    from servoscope.commands.output import print_facts
+    from servoscope.commands.output import print_facts, print_message
     from servoscope.commands.progress import progress_bar
+    from servoscope.errors import InvalidInputError
+    from servoscope.requested_accuracy import parse_accuracy
     from servoscope.schedule import parse_schedule
 
+    request = None if until is None else parse_accuracy(until)
+    if request is not None:
+        if schedule is not None:
+            raise InvalidInputError("--until finds out which images to take; leave --schedule out.")
+        n_images = MOST_IMAGES if n_images is None else n_images
+        if n_images < FIRST:
+            raise InvalidInputError(
+                f"--until needs at least {FIRST} images, got --n-images {n_images}."
+            )
     config = AcquisitionConfig(
         n_images=n_images,
         image_size=image_size,
@@ -77,5 +95,11 @@ def acquire(
         robot=robot,
     )
     with progress_bar("images", config.total()) as advance:
-        acquire_images(out, config, n_jobs=n_jobs(jobs), force=force, on_progress=advance)
+        if request is None:
+            acquire_images(out, config, n_jobs=n_jobs(jobs), force=force, on_progress=advance)
+        else:
+            acquire_until(
+                out, config, request, n_jobs=n_jobs(jobs), force=force, on_progress=advance,
+                on_standing=lambda standing: print_message(str(standing)),
+            )  # fmt: skip
     print_facts(describe_data_set(out), as_json=json)

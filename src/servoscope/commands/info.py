@@ -6,24 +6,47 @@ import os
 import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from servoscope import __version__
 from servoscope.commands.options import AnyFolder, Json
+from servoscope.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from servoscope.keyframe import Keyframe
 
 ENDS = ("report.html", "scoreboard.html", "sensitivity.md", "rehearsal.html")
 """The last file that each kind of run writes."""
 
 
-def info(path: AnyFolder = None, json: Json = False) -> None:
+def info(
+    path: AnyFolder = None,
+    figure: Path | None = None,
+    dataset: Path | None = None,
+    json: Json = False,
+) -> None:
     """Show what a data set, a run or a model folder holds; without one, what is installed.
 
     Example: servoscope info servoscope-study
+
+    Example: servoscope info model --figure view.png --dataset cell
+
+    Args:
+        figure: PNG file to write, of a keyframe model: where each dof is read, and how well each
+            pixel is explained.
+        dataset: Data set whose pose-image covariance the figure is to show as well.
     """
     from servoscope.commands.output import print_facts
     from servoscope.positioning.model_folder import is_model
     from servoscope.study.run_folder import is_run
 
+    if figure is None and dataset is not None:
+        raise InvalidInputError("--dataset is for the figure; name its file with --figure.")
+    if figure is not None:
+        _write_figure(path, figure, dataset)
+    if path is not None and is_model(path) and not json and not is_run(path):
+        _print_model(path)
+        return
     if path is None:
         facts = describe_installation()
     elif is_run(path):
@@ -75,6 +98,7 @@ def describe_data_set(folder: Path) -> dict[str, Any]:
             )
         },
         **_how_acquired(data.source),
+        **{key: data.source[key] for key in ("forecast",) if key in data.source},
         "unusable_images": {reason: int(bad.sum()) for reason, bad in faults.items()},
         "warnings": data_set_warnings(data, faults),
         "source": data.source,
@@ -112,20 +136,86 @@ def describe_model(folder: Path) -> dict[str, Any]:
 
     header, arrays = read_model(folder)
     version, servoscope = read_version(folder)
+    keyframe = _keyframe(header, arrays)
     facts = {
         "model": str(folder),
+        "kind": header.get("kind"),
         "trained_on": header.get("trained_on"),
         "size_px": _width_and_height(header.get("image_size")),
         "ranges": _ranges(header.get("reach")),
         "pivot_mm": _millimetres(header.get("pivot")),
         "levels": header.get("levels"),
         "accuracy": header.get("accuracy"),
+        "limit": None if keyframe is None else _by_dof(keyframe.limit().std),
         "arrays": len(arrays),
         "size_mb": round(1e-6 * sum(array.nbytes for array in arrays.values()), 3),
         "version": version,
         "written_by": f"servoscope {servoscope}",
     }
     return {name: value for name, value in facts.items() if value is not None}
+
+
+def _print_model(folder: Path) -> None:
+    """Print what a model folder holds; the accuracy as a table, where there is one."""
+    from servoscope.commands.accuracy import has_table, print_accuracy
+    from servoscope.commands.output import print_facts
+
+    facts = describe_model(folder)
+    accuracy: Any = facts.get("accuracy")
+    if not has_table(accuracy):
+        print_facts(facts)
+        return
+    del facts["accuracy"]
+    ranges, limit = None, facts.pop("limit", None)
+    if limit is not None:
+        source = facts.pop("trained_on", {})
+        told = [str(source[key]) for key in ("kind", "rings", "robot") if key in source]
+        facts["trained on"] = f"{accuracy['n_images']} images" + "".join(f", {x}" for x in told)
+        residual = f"residual {accuracy['residual']:.2g} grey, noise {accuracy['noise']:.2g} grey"
+        if _is_number(accuracy.get("residual_over_noise")):
+            residual += f"; held out {accuracy['residual_over_noise']:.2g} times the noise"
+        facts["images explained"] = residual
+        shown = facts.pop("ranges", None)
+        ranges = shown and {dof: float(text.split()[0]) for dof, text in shown.items()}
+    print_facts(facts)
+    print_accuracy(accuracy, ranges=ranges, limit=limit)
+
+
+def _keyframe(header: dict[str, Any], arrays: dict[str, Any]) -> Keyframe | None:
+    """The keyframe of a model, if it is one."""
+    from servoscope.keyframe import Keyframe
+    from servoscope.positioning.keyframe_model import KIND, parts_of
+
+    return (
+        Keyframe.from_arrays(parts_of(arrays)["keyframe"]) if header.get("kind") == KIND else None
+    )
+
+
+def _write_figure(folder: Path | None, file: Path, dataset: Path | None) -> None:
+    """Write the figure of a keyframe model."""
+    from servoscope.dataset import PoseImageSet
+    from servoscope.positioning.keyframe_model import RESIDUAL
+    from servoscope.positioning.model_folder import is_model, read_model
+    from servoscope.report.figures.keyframe import write_keyframe
+
+    keyframe = None
+    if folder is not None and is_model(folder):
+        header, arrays = read_model(folder)
+        keyframe = _keyframe(header, arrays)
+    if keyframe is None:
+        raise InvalidInputError(
+            f"--figure shows a keyframe model, got {folder or 'nothing'}; name the folder of a "
+            "model that was trained with --method keyframe."
+        )
+    data = None if dataset is None else PoseImageSet.load(dataset)
+    write_keyframe(file, keyframe, residual=arrays.get(RESIDUAL), data=data)
+
+
+def _by_dof(values: Any) -> dict[str, float]:
+    """Values of the six dofs, [m] and [rad], in mm and degrees."""
+    from servoscope.poses import DISPLAY_FACTORS, DOFS
+
+    return dict(zip(DOFS, (values * DISPLAY_FACTORS).tolist(), strict=True))
 
 
 def _width_and_height(image_size: Any) -> list[int] | None:

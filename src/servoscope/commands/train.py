@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from servoscope.commands.options import DataSet, Force, Jobs, Json, ModelOut, owning_model
 
@@ -30,6 +30,7 @@ def train(
         method: What to make; by default levels if the images are enough for them, else a keyframe.
         seed: Seed of the nets, of what is held out, and of the disturbances.
     """
+    from servoscope.commands.accuracy import print_accuracy
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import console, print_json
     from servoscope.commands.progress import progress_bar
@@ -47,28 +48,5 @@ def train(
     if json:
         print_json({"model": str(out), "accuracy": model.accuracy})
     else:
-        _print_accuracy(model.accuracy)
+        print_accuracy(model.accuracy)
         console().print(f"model: {out}", soft_wrap=True)
-
-
-def _print_accuracy(accuracy: dict[str, Any]) -> None:
-    from rich.table import Table
-
-    from servoscope.commands.output import console
-    from servoscope.poses import DISPLAY_UNITS, DOFS
-
-    table = Table(title="Error of one look at images held out", title_justify="left")
-    dofs = list(map("{}\n[{}]".format, DOFS, DISPLAY_UNITS))
-    if "rings" in accuracy:
-        for column in ("displaced by up to", "images", *dofs):
-            table.add_column(column, justify="right")
-        for ring in accuracy["rings"]:
-            for kind in ("clean", "disturbed"):
-                errors = [f"{ring[kind][dof]:.3f}" for dof in DOFS]
-                table.add_row(f"{ring['mm']:.3g} mm, {ring['deg']:.3g} deg", kind, *errors)
-    else:
-        for column in ("", *dofs):
-            table.add_column(column, justify="right")
-        for name, label in (("median", "median"), ("quantile_90", "90 % are below")):
-            table.add_row(label, *(f"{accuracy[name][dof]:.3f}" for dof in DOFS))
-    console().print(table)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from servoscope.errors import InvalidInputError
 from servoscope.keyframe.checks import rigid
 from servoscope.keyframe.keyframe import Keyframe
+from servoscope.keyframe.residuals import Residuals
 from servoscope.poses import displacements_from_poses
+from servoscope.processes import in_processes, one_blas_thread
 
 Array = NDArray[np.float64]
 
@@ -27,11 +30,26 @@ class HeldOutLooks:
     std : ndarray of shape (n, 6)
         What was believed of it.
     similarity : ndarray of shape (n,)
+    residual : ndarray of shape (n,)
+        Robust standard deviation of the residuals of each image, [grey].
+    residual_map : ndarray of shape (rows, columns), float32
+        The same of each pixel of the reference over the images that see it, [grey]; NaN where none
+        does.
+    noise : float
+        What of the images' noise is left in a residual, [grey]: the least that can be reached.
     """
 
     errors: Array
     std: Array
     similarity: Array
+    residual: Array
+    residual_map: NDArray[np.float32]
+    noise: float
+
+    @property
+    def residual_over_noise(self) -> float:
+        """Median residual of an image, in multiples of the noise."""
+        return float(np.median(self.residual)) / self.noise
 
 
 def held_out_looks(
@@ -40,6 +58,8 @@ def held_out_looks(
     reference_image: NDArray[np.uint8],
     T_world_ref: ArrayLike,
     groups: ArrayLike,
+    *,
+    n_jobs: int | None = 1,
     **options: Any,
 ) -> HeldOutLooks:
     """Fit a keyframe without each group of images in turn, and read that group.
@@ -53,6 +73,8 @@ def held_out_looks(
     groups : array of shape (n,)
         Images that are not independent of each other, such as neighbours in a sequence, are of
         one group.
+    n_jobs : int, optional
+        Processes, as joblib counts them; what is read does not depend on it.
     **options
         Of `Keyframe.fit`.
 
@@ -72,16 +94,51 @@ def held_out_looks(
             f"of shape {group.shape} for {len(images)} images."
         )
     T_world_cam = rigid("T_world_cam", T_world_cam, (len(images), 4, 4))
-    n = len(images)
-    errors, std, similarity = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
-    for k in range(len(names)):
-        out = group == k
-        keyframe = Keyframe.fit(
-            images[~out], T_world_cam[~out], reference_image, T_world_ref, **options
-        )
+    calls = (
+        (images, T_world_cam, reference_image, T_world_ref, group == k, options)
+        for k in range(len(names))
+    )
+    parts = list(in_processes(_read, calls, n_jobs))
+    order = np.argsort(np.argsort(group, kind="stable"), kind="stable")
+    columns = list(zip(*parts, strict=True))
+    errors, std, similarity, maps = (np.concatenate(column)[order] for column in columns[:4])
+    return HeldOutLooks(
+        errors,
+        std,
+        similarity,
+        deviation(maps, axis=(1, 2)).astype(float),
+        deviation(maps, axis=0),
+        float(np.mean(columns[4])),
+    )
+
+
+def _read(
+    images: NDArray[np.uint8],
+    T_world_cam: Array,
+    reference_image: NDArray[np.uint8],
+    T_world_ref: ArrayLike,
+    out: NDArray[np.bool_],
+    options: dict[str, Any],
+) -> tuple[Array, Array, Array, NDArray[np.float32], float]:
+    """Errors, beliefs, similarities, residuals and noise of the images that are held out."""
+    keyframe = Keyframe.fit(
+        images[~out], T_world_cam[~out], reference_image, T_world_ref, **options
+    )
+    residuals = Residuals(keyframe)
+    with one_blas_thread():
         found = [keyframe.align(image) for image in images[out]]
-        true = displacements_from_poses(T_world_ref, T_world_cam[out], keyframe.pivot)
-        errors[out] = np.array([f.delta_p for f in found]) - true
-        std[out] = [f.std for f in found]
-        similarity[out] = [f.similarity for f in found]
-    return HeldOutLooks(errors, std, similarity)
+    true = displacements_from_poses(T_world_ref, T_world_cam[out], keyframe.pivot)
+    return (
+        np.array([f.delta_p for f in found]) - true,
+        np.array([f.std for f in found]),
+        np.array([f.similarity for f in found]),
+        np.stack([residuals.of(image, f) for image, f in zip(images[out], found, strict=True)]),
+        residuals.noise,
+    )
+
+
+def deviation(residuals: NDArray[np.float32], axis: int | tuple[int, ...]) -> NDArray[np.float32]:
+    """Robust standard deviation of those that are not NaN; NaN where all are."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.asarray(1.4826 * np.nanmedian(np.abs(residuals), axis=axis), np.float32)

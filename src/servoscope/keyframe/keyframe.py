@@ -274,7 +274,7 @@ class Keyframe:
         ViewLimit
         """
         noise = self.noise if noise is None else checked_noise(noise)
-        view = View.of(self.reference_image, self.reference_image.shape[1], 0.5)
+        view = View.of(self.reference_image, self.reference_image.shape[1], 0.0)
         depth = view.resize(self.inverse_depth)
         level = Level(view, self.camera, depth, np.ones_like(depth))
         J = np.empty((level.used.size, 6))

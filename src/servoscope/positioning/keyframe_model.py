@@ -22,6 +22,9 @@ from servoscope.positioning.reference_view import SIZE, similarity
 KIND = "keyframe"
 """What ``model.json`` calls a model of this kind."""
 
+RESIDUAL = "held_out_residual"
+"""The array of a model folder that holds the residuals of images held out, by pixel."""
+
 LEAST_IMAGES = 15
 """Images that a model needs, so that some can be held out."""
 
@@ -40,21 +43,24 @@ class KeyframeModel:
     Parameters
     ----------
     keyframe : Keyframe
-    first_guess : FirstGuess
-        Where the search begins.
     reach : ndarray of shape (6,)
         Largest displacements about the pivot that it was fitted to, [m] and [rad].
     trained_on : dict
         Where its images come from, as plain JSON values.
     accuracy : dict
         What was found on images that were held out, as plain JSON values.
+    residual : ndarray of shape (rows, columns), float32, optional
+        Residuals of images held out, by pixel of the reference image, in multiples of the noise.
+    first_guess : FirstGuess, optional
+        Where the search begins.
     """
 
     keyframe: Keyframe
-    first_guess: FirstGuess
     reach: Array
     trained_on: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
+    residual: NDArray[np.float32] | None = None
+    first_guess: FirstGuess | None = None
 
     @property
     def image_shape(self) -> tuple[int, int]:
@@ -74,16 +80,22 @@ class KeyframeModel:
 
     @classmethod
     def train(
-        cls, data: PoseImageSet, on_progress: Callable[[int], object] | None = None
+        cls,
+        data: PoseImageSet,
+        *,
+        n_jobs: int | None = -1,
+        on_progress: Callable[[int], object] | None = None,
     ) -> KeyframeModel:
         """A model from images spread over the range that is to be covered.
 
         Parameters
         ----------
         data : PoseImageSet
+        n_jobs : int, optional
+            Processes, as joblib counts them; every number of them gives the same model.
         on_progress : callable, optional
             Called with the number of stages that are finished: 1 when images held out are read,
-            3 at the end.
+            2 when the keyframe is fitted, 3 at the end.
 
         Raises
         ------
@@ -100,7 +112,9 @@ class KeyframeModel:
         images, poses = data.images[shown], data.T_world_cam[shown]
         reference, groups = (data.reference_image, data.T_world_ref), _groups(data)[shown]
         try:
-            looks = held_out_looks(images, poses, *reference, groups, pivot=data.pivot)
+            looks = held_out_looks(
+                images, poses, *reference, groups, n_jobs=n_jobs, pivot=data.pivot
+            )
             tell(1)
             keyframe = Keyframe.fit(images, poses, *reference, pivot=data.pivot)
             tell(2)
@@ -118,10 +132,12 @@ class KeyframeModel:
             "similarity": float(np.median(looks.similarity)),
             "n_images": len(shown),
             "residual": keyframe.residual,
+            "residual_over_noise": looks.residual_over_noise,
             "noise": keyframe.noise,
             "observable": keyframe.observable,
         }
-        return cls(keyframe, first_guess, data.ranges(), dict(data.source), accuracy)
+        residual = np.asarray(looks.residual_map / looks.noise, np.float32)
+        return cls(keyframe, data.ranges(), dict(data.source), accuracy, residual, first_guess)
 
     def estimate(self, image: Image, previous: Estimate | None = None) -> Estimate:
         """Where an image was taken.
@@ -144,8 +160,9 @@ class KeyframeModel:
             near = self._as_estimate(image, self.keyframe.align(image, np.eye(4)))
             if near.similarity >= _ALIKE:
                 return near
-        found = self.keyframe.align(image, self.first_guess(image))
-        if found.similarity < _CLEARLY_ALIKE:
+        starts = None if self.first_guess is None else self.first_guess(image)
+        found = self.keyframe.align(image, starts)
+        if starts is not None and found.similarity < _CLEARLY_ALIKE:
             found = max(found, self.keyframe.align(image), key=lambda found: found.similarity)
         return self._as_estimate(image, found)
 
@@ -178,14 +195,14 @@ class KeyframeModel:
             "trained_on": self.trained_on,
             "accuracy": self.accuracy,
         }
+        parts = {"keyframe": self.keyframe.to_arrays()}
+        if self.first_guess is not None:
+            parts["first_guess"] = self.first_guess.to_arrays()
         arrays = {
-            f"{part}/{name}": array
-            for part, values in (
-                ("keyframe", self.keyframe.to_arrays()),
-                ("first_guess", self.first_guess.to_arrays()),
-            )
-            for name, array in values.items()
+            f"{part}/{name}": array for part, own in parts.items() for name, array in own.items()
         }
+        if self.residual is not None:
+            arrays[RESIDUAL] = self.residual
         write_model(folder, header, arrays, force=force)
 
     @classmethod
@@ -199,22 +216,29 @@ class KeyframeModel:
         ValueError, KeyError, TypeError
             If they are not those of a model of this kind.
         """
-        parts: dict[str, dict[str, NDArray[Any]]] = {"keyframe": {}, "first_guess": {}}
-        for name, array in arrays.items():
-            part, _, own = name.partition("/")
-            parts[part][own] = array
-        keyframe, reach = (
-            Keyframe.from_arrays(parts["keyframe"]),
-            np.array(header["reach"], dtype=float),
-        )
+        parts = parts_of(arrays)
+        keyframe = Keyframe.from_arrays(parts["keyframe"])
+        reach = np.array(header["reach"], dtype=float)
         if list(keyframe.reference_image.shape) != list(header["image_size"]):
             raise ValueError("its reference image is not of its image size")
         if reach.shape != (6,) or not (np.isfinite(reach) & (reach > 0)).all():
             raise ValueError("its reach is not six positive numbers")
-        first_guess = FirstGuess.from_arrays(parts["first_guess"], reach, keyframe.pivot)
+        guess = parts["first_guess"]
+        first_guess = FirstGuess.from_arrays(guess, reach, keyframe.pivot) if guess else None
         return cls(
-            keyframe, first_guess, reach, dict(header["trained_on"]), dict(header["accuracy"])
-        )
+            keyframe, reach, dict(header["trained_on"]), dict(header["accuracy"]),
+            arrays.get(RESIDUAL), first_guess,
+        )  # fmt: skip
+
+
+def parts_of(arrays: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, NDArray[Any]]]:
+    """The arrays of a model's keyframe and of its first guess, by the names that each gave them."""
+    parts: dict[str, dict[str, NDArray[Any]]] = {"keyframe": {}, "first_guess": {}}
+    for name, array in arrays.items():
+        part, _, own = name.partition("/")
+        if part in parts:
+            parts[part][own] = array
+    return parts
 
 
 def error_shares(errors: Array, truth: Array) -> Array:

@@ -84,7 +84,7 @@ def train(
     reach, delta_p = data.ranges(), data.delta_p()
     p = delta_p / reach
     if method == "keyframe" or (method == "auto" and not has_images_for_levels(p)):
-        keyframe = KeyframeModel.train(data, on_progress)
+        keyframe = KeyframeModel.train(data, n_jobs=n_jobs, on_progress=on_progress)
         check_observable(keyframe.accuracy["error_shares"])
         return keyframe
     tell = on_progress or (lambda _: None)

@@ -1,0 +1,65 @@
+"""The limit of a view, against images of the simulated cell on both sides of the reference."""
+
+import cv2
+import numpy as np
+import pytest
+
+from servoscope import CameraModel, Keyframe
+from servoscope.poses import poses_from_displacements
+from servoscope.scene.depth import render_depth
+from servoscope.scene.part import CylinderHead
+from servoscope.scene.render import render, render_radiance
+from servoscope.scene.scene import T_WORLD_REF, Scene
+from servoscope.scene.sensor import Sensor
+from servoscope.scene.textured_plane import TexturedPlane
+
+PIVOT, SIZE = 0.55, 256
+STEPS = np.array([1e-3] * 3 + [np.radians(0.1)] * 3)
+"""[m] and [rad]."""
+
+
+def known_keyframe(scene: Scene) -> Keyframe:
+    """The keyframe of a scene whose lens and depth are known."""
+    lens, reference = scene.lens, render(scene, T_WORLD_REF)
+    cx, cy = np.array(lens.principal_point) - 0.5
+    camera = CameraModel(lens.focal_length, cx, cy, *lens.distortion)
+    depth = render_depth(scene, T_WORLD_REF)
+    return Keyframe(
+        reference, camera, np.eye(4), 1 / depth, np.ones_like(depth), np.eye(4)[None],
+        np.zeros((20, 20)), np.zeros(6), pivot=PIVOT, residual=1.0, noise=1.0,
+    )  # fmt: skip
+
+
+def rendered_jacobian(scene: Scene, steps: np.ndarray) -> np.ndarray:
+    """Central differences of grey levels by the six dofs, gain and offset, (n, 8)."""
+
+    def grey(delta_p: np.ndarray) -> np.ndarray:
+        pose = poses_from_displacements(T_WORLD_REF, delta_p, PIVOT)
+        light = cv2.GaussianBlur(render_radiance(scene, pose), (0, 0), scene.sensor.blur * SIZE)
+        return 255 * scene.sensor.exposure * light.astype(float).ravel()
+
+    columns = [(grey(s) - grey(-s)) / (2 * s.max()) for s in np.diag(steps)]
+    return np.stack([*columns, grey(np.zeros(6)), np.ones(SIZE**2)], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("part", "step", "most", "alike"),
+    [
+        pytest.param(TexturedPlane(), 0.25, 1.35, 0.8, id="plane"),
+        pytest.param(CylinderHead(), 1.0, 2.3, 0.2, id="head", marks=pytest.mark.slow),
+    ],
+)
+def test_limit_and_its_pixels_are_those_of_rendered_images(part, step, most, alike):
+    # The head's outlines, which hide what lies behind them, inform more than a keyframe knows.
+    scene = Scene(part=part, image_size=SIZE, sensor=Sensor(vignetting=0.0))
+    J = rendered_jacobian(scene, step * STEPS)
+    unit = 1 / np.linalg.norm(J, axis=0)
+    response = np.linalg.pinv(J * unit)[:6] * unit[:6, None]
+    limit = known_keyframe(scene).limit(2.0)
+    ratio = limit.std / (2.0 * np.linalg.norm(response, axis=1))
+    assert (ratio > 0.9).all()
+    assert (ratio < most).all()
+    shares = (response**2).reshape(6, SIZE, SIZE) / (response**2).sum(axis=1)[:, None, None]
+    for true, found in zip(shares, limit.shares, strict=True):
+        a, b = (cv2.GaussianBlur(x.astype(float), (0, 0), 6).ravel() for x in (true, found))
+        assert np.corrcoef(a, b)[0, 1] > alike
