@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ from servoscope.keyframe.keyframe import Keyframe
 from servoscope.poses import displacements_from_poses
 
 Array = NDArray[np.float64]
+SimilarityBy = Callable[[Keyframe], Callable[[NDArray[np.uint8], Array], float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,7 @@ def held_out_looks(
     reference_image: NDArray[np.uint8],
     T_world_ref: ArrayLike,
     groups: ArrayLike,
+    similarity_by: SimilarityBy | None = None,
     **options: Any,
 ) -> HeldOutLooks:
     """Fit a keyframe without each group of images in turn, and read that group.
@@ -53,6 +56,9 @@ def held_out_looks(
     groups : array of shape (n,)
         Images that are not independent of each other, such as neighbours in a sequence, are of
         one group.
+    similarity_by : callable, optional
+        Makes of a keyframe the function of an image and a displacement that finds its similarity;
+        by default that of the alignment is taken.
     **options
         Of `Keyframe.fit`.
 
@@ -83,5 +89,11 @@ def held_out_looks(
         true = displacements_from_poses(T_world_ref, T_world_cam[out], keyframe.pivot)
         errors[out] = np.array([f.delta_p for f in found]) - true
         std[out] = [f.std for f in found]
-        similarity[out] = [f.similarity for f in found]
+        if similarity_by is None:
+            similarity[out] = [f.similarity for f in found]
+        else:
+            find = similarity_by(keyframe)
+            similarity[out] = [
+                find(image, f.displacement) for image, f in zip(images[out], found, strict=True)
+            ]
     return HeldOutLooks(errors, std, similarity)
