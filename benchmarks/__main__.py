@@ -23,6 +23,7 @@ KERNELS = (
     "photometric",
     "faults",
     "keyframe",
+    "recorded",
 )
 
 

@@ -133,14 +133,15 @@ def position(
         first_read_timeout_s=first_read_timeout_s,
         move_timeout_s=move_timeout_s,
     )
+    cell: RecordedRobot | SimulatedRobot
     if robot is not None and robot.startswith(_RECORDED):
         if condition != "range_1.0":
             raise InvalidInputError(
                 "--condition is of simulated cells; leave it out with recorded images."
             )
         folder = Path(robot.removeprefix(_RECORDED))
-        cell, T_ref = _recorded(trained, folder, start, seed)
-        settings = settings.for_poses_apart(*cell.spacing())
+        recorded, T_ref = _recorded(trained, folder, start, seed)
+        cell, settings = recorded, settings.for_poses_apart(*recorded.spacing())
     else:
         cell, T_ref = _simulated_cell(trained, robot, condition, seed, start), T_WORLD_REF
     result, distances = _run(trained, cell, T_ref, settings, dry_run, log)
