@@ -33,6 +33,10 @@ def test_a_model_tells_what_it_was_trained_on_and_reaches(cell, capsys) -> None:
     facts = json.loads(out)
     assert code == 0
     assert facts["trained_on"]["part"] == "textured_plane"
+    decision = facts["accuracy"]["decision"]
+    assert decision["chosen"] == "levels"
+    assert decision["levels"]["near"] < 0.05
+    assert 0 < decision["keyframe"]["far"] < 1
     rings = facts["accuracy"]["rings"]
     assert rings[0]["mm"] == pytest.approx(40)
     assert rings[-1]["clean"]["tz"] < rings[0]["clean"]["tz"]

@@ -21,7 +21,7 @@ NEAR = 0.3
 """Displacements up to this share of the range are near the reference."""
 
 _RIGHT = 0.25
-_CLEARLY_MORE, _CLEARLY_LESS = 0.05, 0.5
+_ENOUGH, _CLEARLY_MORE = 0.05, 0.05
 _MOST_FITTED, _MOST_READ = 40, 60
 
 
@@ -30,8 +30,8 @@ def compare_methods(
 ) -> dict[str, Any]:
     """Which method reads the images better that were held out, and the numbers of both.
 
-    Levels are kept unless a keyframe reads clearly more images right, or reads those near the
-    reference clearly better: they also bear shadows that move.
+    Levels that end near the reference are kept: they also bear shadows that move. Otherwise a
+    keyframe is chosen if it reads more images right, or, of as many, reads them better.
 
     Parameters
     ----------
@@ -91,11 +91,13 @@ def decision_text(decision: Mapping[str, Any]) -> str:
 
 
 def _is_better(keyframe: dict[str, Any], levels: dict[str, Any]) -> bool:
+    if levels["near"] is not None and levels["near"] <= _ENOUGH:
+        return False
     more = keyframe["share_right"] - levels["share_right"]
     if abs(more) > _CLEARLY_MORE:
         return bool(more > 0)
     where = "far" if None in (keyframe["near"], levels["near"]) else "near"
-    return bool(keyframe[where] < _CLEARLY_LESS * levels[where])
+    return bool(keyframe[where] < levels[where])
 
 
 def _summary(delta_p: Array, p: Array, levels: PositioningModel) -> dict[str, Any]:

@@ -122,7 +122,7 @@ def within_range(data: PoseImageSet) -> PoseImageSet:
         data,
         images=data.images[inside],
         T_world_cam=data.T_world_cam[inside],
-        names=[name for name, kept in zip(data.names, inside, strict=True) if kept],
+        names=[name for name, kept in zip(data.names, inside.tolist(), strict=True) if kept],
         times=None if data.times is None else data.times[inside],
     )
 
