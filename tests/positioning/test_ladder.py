@@ -161,3 +161,15 @@ def test_no_pose_is_learned_from_and_held_out():
     kept = held_out.kept
     assert len(held_out.p) == 12
     assert not set(map(tuple, p[kept])) & set(map(tuple, held_out.p))
+
+
+@pytest.mark.parametrize("schedule", ["260@1.0", "260@1.0,120@0.4"])
+def test_without_images_near_the_reference_no_more_is_believed_there_than_is_true(schedule) -> None:
+    levels, _ = planar_levels(schedule)
+    p = 0.05 * np.random.default_rng(5).uniform(-1, 1, (20, 6))
+    images = planar_images(p * RANGES, SIZE, seed=3)
+    finest = levels[-1]
+    found = [finest.align(image, np.zeros(6)) for image in images]
+    errors = np.abs([finest.displacement(a) for a in found] - p)
+    std = np.array([finest.std(a) for a in found])
+    assert np.mean(errors <= 2 * std) > 0.8

@@ -34,6 +34,7 @@ HIGHEST_DEGREES = ((0.5, 4), (0.1, 3), (0.0, 2))
 _RADII = [float(radius) for radius in 2.0 ** -np.arange(0, 12, 0.25)]
 _SHELL = 0.7
 _WIDE = 0.5
+_NARROW = 0.2
 _LEAST_IMAGES = 112
 _IMAGES_PER_TERM = 2
 _MOST_HELD_OUT = 40
@@ -178,7 +179,8 @@ def learn_levels(
         levels.append(_calibrated(best, held_out))
         if on_progress is not None:
             on_progress(len(levels))
-    levels[-1] = _calibrated_by_noise(levels[-1], held_out, rng)
+    if levels[-1].radius <= _NARROW:
+        levels[-1] = _calibrated_by_noise(levels[-1], held_out, rng)
     return levels, held_out
 
 
@@ -230,7 +232,8 @@ def _calibrated_by_noise(
     """The narrowest level, its standard deviations set by the scatter that noise alone makes.
 
     Where it ends its errors vanish with the displacement, all but those of noise; on held-out
-    images they would hold those of the robot too.
+    images they would hold those of the robot too. Without images near the reference they do not
+    vanish, and the level keeps the deviations that held-out images showed.
     """
     scatter, std = [], []
     for i in _near(level, held_out.p):
