@@ -115,14 +115,15 @@ def train(
 
 def within_range(data: PoseImageSet) -> PoseImageSet:
     """The images within the range; a few are not where the range is estimated without outliers."""
-    inside = (np.abs(data.delta_p()) <= _OUTLYING * data.ranges()).all(axis=1)
-    if inside.all():
+    is_outlier = (np.abs(data.delta_p()) > _OUTLYING * data.ranges()).any(axis=1)
+    if not is_outlier.any():
         return data
+    inside = np.flatnonzero(~is_outlier)
     return replace(
         data,
         images=data.images[inside],
         T_world_cam=data.T_world_cam[inside],
-        names=[name for name, kept in zip(data.names, inside.tolist(), strict=True) if kept],
+        names=[data.names[int(i)] for i in inside],
         times=None if data.times is None else data.times[inside],
     )
 
