@@ -25,6 +25,7 @@ KERNELS = (
     "keyframe",
     "rehearsal",
     "next_images",
+    "recorded",
 )
 
 

@@ -79,10 +79,10 @@ def flange_data() -> PoseImageSet:
 @cache
 def camera_model() -> PositioningModel:
     """Trained with the poses of the camera."""
-    return train(camera_data(), n_jobs=1)
+    return train(camera_data(), method="levels", n_jobs=1)
 
 
 @cache
 def flange_model() -> PositioningModel:
     """Trained with the poses of the flange."""
-    return train(flange_data(), n_jobs=1)
+    return train(flange_data(), method="levels", n_jobs=1)

@@ -431,3 +431,43 @@ def test_a_dof_moves_if_its_displacements_differ_by_more_than_rounding(plane):
     )
     assert not still.moves().any()
     assert not still.moves("camera").any()
+
+
+@pytest.mark.parametrize("n", [15, 40, 200])
+def test_one_outlier_is_not_the_range(n) -> None:
+    rng = np.random.default_rng(n)
+    delta_p = rng.uniform(-1, 1, (n, 6)) * RANGES
+    delta_p[n // 2] = 4 * RANGES
+    found = _at(delta_p).ranges()
+    others = np.abs(np.delete(delta_p, n // 2, axis=0)).max(axis=0)
+    np.testing.assert_allclose(found, others, rtol=1e-6)
+
+
+@pytest.mark.parametrize("spread", ["uniform", "normal", "few far ones"])
+def test_without_outliers_the_range_is_the_largest_displacement(spread) -> None:
+    rng = np.random.default_rng(0)
+    shape = (300, 6)
+    drawn = {
+        "uniform": rng.uniform(-1, 1, shape),
+        "normal": rng.normal(size=shape).clip(-3.2, 3.2) / 4,
+        "few far ones": rng.uniform(-1, 1, shape) * np.where(np.arange(300) < 24, 1, 0.05)[:, None],
+    }[spread]
+    delta_p = drawn * RANGES
+    np.testing.assert_allclose(_at(delta_p).ranges(), np.abs(delta_p).max(axis=0), rtol=1e-6)
+
+
+def test_a_dof_that_seldom_moves_keeps_its_range() -> None:
+    delta_p = np.zeros((100, 6))
+    delta_p[:, 0] = np.linspace(-0.02, 0.02, 100)
+    delta_p[3, 1] = 0.01
+    np.testing.assert_allclose(_at(delta_p).ranges(), [0.02, 0.01, 1, 1, 1, 1], atol=1e-9)
+
+
+def _at(delta_p: np.ndarray) -> PoseImageSet:
+    return PoseImageSet(
+        np.zeros((len(delta_p), 4, 4), np.uint8),
+        poses_from_displacements(np.eye(4), delta_p, 0.55),
+        np.eye(4),
+        np.zeros((4, 4), np.uint8),
+        pivot=0.55,
+    )

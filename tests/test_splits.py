@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from servoscope.dataset import PoseImageSet
 from servoscope.errors import InvalidInputError
-from servoscope.splits import split_images
+from servoscope.poses import poses_from_displacements
+from servoscope.splits import FARTHEST_APART, independent_groups, split_images
 
 seeds = st.integers(0, 2**31)
 
@@ -108,3 +110,86 @@ def test_groups_that_do_not_fit_are_refused():
         split_images(9, groups=np.arange(8))
     with pytest.raises(InvalidInputError, match="at least 8 images, got 3"):
         split_images(9, groups=np.arange(9) // 3)
+
+
+def _set_of(delta_p: np.ndarray, **fields) -> PoseImageSet:
+    return PoseImageSet(
+        np.zeros((len(delta_p), 4, 4), np.uint8),
+        poses_from_displacements(np.eye(4), delta_p, 0.5),
+        np.eye(4),
+        np.zeros((4, 4), np.uint8),
+        pivot=0.5,
+        pivot_ranges=np.full(6, 0.1),
+        **fields,
+    )
+
+
+def _nearest_across(data: PoseImageSet, labels: np.ndarray) -> float:
+    """Least largest difference of a dof between images of different groups, in ranges."""
+    p = data.delta_p() / data.ranges()
+    apart = np.abs(p[:, None] - p[None]).max(axis=2)
+    both = (labels[:, None] >= 0) & (labels[None] >= 0)
+    across = both & (labels[:, None] != labels[None])
+    return float(apart[across].min())
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    kind=st.sampled_from(["random", "shots", "sequence", "revisits"]),
+    seed=st.integers(0, 1000),
+    n_groups=st.integers(2, 4),
+)
+def test_images_of_different_groups_are_farther_apart_than_stated(kind, seed, n_groups) -> None:
+    rng = np.random.default_rng(seed)
+    fields = {}
+    if kind == "random":
+        delta_p = rng.uniform(-0.1, 0.1, (60, 6))
+    elif kind == "shots":
+        delta_p = np.repeat(rng.uniform(-0.1, 0.1, (20, 6)), 3, axis=0)
+        delta_p += 1e-6 * rng.normal(size=delta_p.shape)
+        delta_p = delta_p[rng.permutation(60)]
+    else:
+        knots = rng.uniform(-0.1, 0.1, (13, 6))
+        knots = np.concatenate([knots, knots]) if kind == "revisits" else knots
+        at = np.linspace(0, len(knots) - 1, 240)
+        delta_p = np.stack([np.interp(at, np.arange(len(knots)), k) for k in knots.T], axis=1)
+        fields = {"split": "blocks", "times": np.arange(240) / 30}
+    data = _set_of(delta_p, **fields)
+    labels, distance = independent_groups(data, n_groups)
+    assert set(labels[labels >= 0]) == set(range(n_groups))
+    assert _nearest_across(data, labels) > distance
+    sizes = np.bincount(labels[labels >= 0])
+    assert sizes.min() * n_groups >= len(data) / 2
+    assert distance >= (FARTHEST_APART if kind in ("random", "shots") else FARTHEST_APART / 8)
+
+
+def test_shots_of_a_pose_are_in_one_group_wherever_they_stand() -> None:
+    rng = np.random.default_rng(0)
+    poses = np.arange(20).repeat(3)[rng.permutation(60)]
+    data = _set_of(rng.uniform(-0.1, 0.1, (20, 6))[poses])
+    labels = independent_groups(data).labels
+    assert all(len(set(labels[poses == k])) == 1 for k in range(20))
+
+
+def test_what_a_sequence_returns_to_is_in_the_group_of_the_first_visit() -> None:
+    there = np.linspace(-0.1, 0.1, 120)[:, None] * np.ones(6)
+    data = _set_of(np.concatenate([there, there]), split="blocks", times=np.arange(240.0))
+    labels = independent_groups(data).labels
+    first, again = labels[:120], labels[120:]
+    both = (first >= 0) & (again >= 0)
+    assert both.mean() > 0.5
+    np.testing.assert_array_equal(first[both], again[both])
+
+
+def test_a_dense_set_is_kept_apart_as_far_as_it_allows() -> None:
+    dense = _set_of(np.linspace(-0.1, 0.1, 400)[:, None] * np.ones(6))
+    labels, distance = independent_groups(dense)
+    assert distance >= FARTHEST_APART / 2  # by its order, though it does not say it is a sequence
+    assert np.bincount(labels[labels >= 0]).min() > 60
+    shuffled = _set_of(dense.delta_p()[np.random.default_rng(0).permutation(400)])
+    assert 0 < independent_groups(shuffled).distance < 0.02
+
+
+def test_images_of_too_few_places_cannot_be_held_out() -> None:
+    with pytest.raises(InvalidInputError, match="at least 3 different places"):
+        independent_groups(_set_of(np.zeros((9, 6))))

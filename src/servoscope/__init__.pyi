@@ -43,6 +43,7 @@ from .regression import PoseRegressor as PoseRegressor
 from .regression import RegressorScore as RegressorScore
 from .regression import compare_regressors as compare_regressors
 from .regression import train_networks as train_networks
+from .robots.recorded import RecordedRobot as RecordedRobot
 from .selection import Forecast as Forecast
 from .selection import LearningCurve as LearningCurve
 from .selection import MutualInfoSelector as MutualInfoSelector

@@ -23,6 +23,8 @@ from servoscope.poses import (
 SPLITS = ("random", "blocks")
 """How a set may be split: at random, or by blocks of time for images of one sequence."""
 
+_OUTLYING, _MOST_OUTLIERS = 2.0, 0.05
+
 
 @dataclass(frozen=True, eq=False)
 class PoseImageSet:
@@ -41,8 +43,8 @@ class PoseImageSet:
     pivot : float
         Distance of the pivot from the camera along the optical axis, [m].
     pivot_ranges : ndarray of shape (6,), optional
-        Half-widths of the displacements that were sampled about the pivot, [m] and [rad]; the
-        largest ones observed by default.
+        Half-widths of the displacements that were sampled about the pivot, [m] and [rad]; found
+        from the displacements by default, see `ranges`.
     times : ndarray of shape (n_images,), optional
         When each image was taken, [s].
     split : {"random", "blocks"}
@@ -114,8 +116,9 @@ class PoseImageSet:
     def ranges(self, displacement: str = "pivot") -> NDArray[np.float64]:
         """Half-width of each dof's displacements, by which targets are scaled to [-1, 1].
 
-        The sampled ranges where they are known, else the largest displacement in the set; 1 for
-        a dof that never moves.
+        The sampled ranges where they are known, else the largest displacement in the set but
+        for outliers: 5 % of the images at most, more than twice as far away as all others. 1 for a
+        dof that never moves.
 
         Returns
         -------
@@ -123,7 +126,7 @@ class PoseImageSet:
             [m] and [rad], in `DOFS` order.
         """
         if self.pivot_ranges is None:
-            ranges = np.abs(self.delta_p(displacement)).max(axis=0)
+            ranges = _largest_but_outliers(np.abs(self.delta_p(displacement)))
         else:
             ranges = displacement_ranges(self.pivot_ranges, self.pivot, displacement)
         return np.where(ranges > 1e-9, ranges, 1.0)
@@ -176,6 +179,17 @@ class PoseImageSet:
             )
         except (TypeError, ValueError) as error:
             raise DataSetError(f"{folder} does not hold together: {error}") from error
+
+
+def _largest_but_outliers(sizes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Largest of each column below a gap of a factor of two, if few are above it."""
+    n = len(sizes)
+    most = min(max(1, int(_MOST_OUTLIERS * n)), n - 1)
+    ordered = np.sort(sizes, axis=0)[n - most - 1 :]
+    below, above = ordered[:-1], ordered[1:]
+    is_gap = (above > _OUTLYING * below) & (below > 1e-9)
+    first = np.where(is_gap.any(axis=0), is_gap.argmax(axis=0), most)
+    return np.asarray(np.take_along_axis(ordered, first[None], axis=0)[0])
 
 
 def _check(data: PoseImageSet) -> None:

@@ -1,6 +1,7 @@
 """Training and positioning from the command line, on a small textured plane."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -32,6 +33,10 @@ def test_a_model_tells_what_it_was_trained_on_and_reaches(cell, capsys) -> None:
     facts = json.loads(out)
     assert code == 0
     assert facts["trained_on"]["part"] == "textured_plane"
+    decision = facts["accuracy"]["decision"]
+    assert decision["chosen"] == "levels"
+    assert decision["levels"]["near"] < 0.05
+    assert 0 < decision["keyframe"]["far"] < 1
     rings = facts["accuracy"]["rings"]
     assert rings[0]["mm"] == pytest.approx(40)
     assert rings[-1]["clean"]["tz"] < rings[0]["clean"]["tz"]
@@ -130,3 +135,39 @@ def test_images_that_cannot_train_are_refused_in_a_line(cell, capsys, tmp_path) 
     assert "at least" in err
     assert len(err.splitlines()) == 1
     assert not (tmp_path / "model").exists()
+
+
+def test_the_loop_runs_on_recorded_images(cell, capsys) -> None:
+    robot = ["--robot", f"recorded:{cell / 'data'}"]
+    code, out, _ = run(capsys, "position", cell / "model", *robot, "--seed", 2, "--json")
+    result = json.loads(out)
+    assert (code, result["status"]) == (0, "converged"), result["message"]
+    assert result["true_error"]["mm"] < 2
+    name = PoseImageSet.load(cell / "data").names[7]
+    by = [
+        run(capsys, "position", cell / "model", *robot, "--start", x, "--json") for x in (7, name)
+    ]
+    assert json.loads(by[0][1])["steps"][0]["pose"] == json.loads(by[1][1])["steps"][0]["pose"]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--robot", "recorded:{data}", "--condition", "gain_0.8"], "leave it out"),
+        (["--robot", "recorded:{data}", "--start", "nobody"], "number or the name"),
+        (["--robot", "recorded:{data}", "--start", "99999"], "frame from 0 to 930"),
+        (["--robot", "recorded:{data}/nowhere"], "nowhere"),
+        (["--robot", "recorded:{other}"], "is not the one that the model was trained on"),
+        (["--robot", "legs"], "trained with --robot free"),
+        (["--start", "x"], "number from 0"),
+    ],
+)
+def test_bad_recordings_are_refused_in_a_line(cell, capsys, tmp_path, options, said) -> None:
+    data = PoseImageSet.load(cell / "data")
+    other = replace(data, reference_image=data.reference_image[::-1])
+    other.save(tmp_path / "other")
+    options = [x.format(data=cell / "data", other=tmp_path / "other") for x in options]
+    code, _, err = run(capsys, "position", cell / "model", *options)
+    assert code == 1
+    assert said in err
+    assert len(err.splitlines()) == 1

@@ -134,8 +134,8 @@ def test_divergence_is_a_rise_in_two_moves(errors, diverging: bool) -> None:
 
 def test_the_box_and_the_steps_follow_the_reach_in_the_form_of_the_camera() -> None:
     box = LoopSettings().workspace(RANGES, PIVOT)
-    np.testing.assert_allclose(1e3 * box[:2], 1.3 * (25 + 550 * np.sin(np.radians(15))))
-    np.testing.assert_allclose(np.degrees(box[3:]), 1.3 * 15)
+    np.testing.assert_allclose(1e3 * box[:2], 1.6 * (25 + 550 * np.sin(np.radians(15))))
+    np.testing.assert_allclose(np.degrees(box[3:]), 1.6 * 15)
     metres, radians = LoopSettings().step_limits(RANGES, PIVOT)
     distance, angle = pose_error(np.eye(4), _moved(RANGES))
     assert distance < metres < 1.25 * distance

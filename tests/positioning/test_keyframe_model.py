@@ -25,8 +25,8 @@ def draw(n: int, seed: int, share: float = 1.0) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def data() -> PoseImageSet:
-    """Images with the poses of a flange, whose mount nothing is said of."""
-    cells = [FlangeCell(p, noise=1.0) for p in 0.6 * draw(N_IMAGES, 0)]
+    """Images with the poses of a flange, whose mount nothing is said of, and an outlier."""
+    cells = [FlangeCell(p, noise=1.0) for p in [*(0.6 * draw(N_IMAGES, 0)), 3 * RANGES]]
     return PoseImageSet(
         np.stack([cell.read() for cell in cells]),
         np.stack([cell.pose for cell in cells]),
@@ -46,6 +46,18 @@ def test_few_images_make_a_keyframe_that_reads_those_held_out(model) -> None:
     assert isinstance(model, KeyframeModel)
     assert max(model.accuracy["error_shares"].values()) < 0.2
     assert model.accuracy["n_images"] == N_IMAGES
+
+
+@pytest.mark.slow
+def test_one_outlier_is_neither_learned_from_nor_the_range(model) -> None:
+    np.testing.assert_array_less(model.reach, 0.75 * RANGES)
+    np.testing.assert_array_less(0.4 * RANGES, model.reach)
+
+
+@pytest.mark.slow
+def test_the_limit_of_similarity_lies_between_own_and_turned_images(model) -> None:
+    accuracy = model.accuracy
+    assert accuracy["chance_similarity"] < accuracy["least_similarity"] < accuracy["similarity"]
 
 
 @pytest.mark.slow
@@ -131,7 +143,7 @@ def test_a_saved_model_reads_the_same(model, tmp_path) -> None:
 
 @pytest.mark.slow
 def test_images_of_other_poses_are_refused(data) -> None:
-    shuffled = np.random.default_rng(0).permutation(N_IMAGES)
+    shuffled = np.random.default_rng(0).permutation(len(data))
     with pytest.raises(DataSetError, match="no robot may be moved"):
         train(replace(data, images=data.images[shuffled]))
 

@@ -9,11 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import arg
 
-from servoscope.commands.options import Json, Model, RobotName
+from servoscope.commands.options import Json, Model
 from servoscope.errors import InvalidInputError, ServoscopeError, ServoscopeWarning
 
 if TYPE_CHECKING:
-    from servoscope.positioning import KeyframeModel, PositioningModel, PositioningResult
+    from servoscope.positioning import (
+        KeyframeModel,
+        LoopSettings,
+        PositioningModel,
+        PositioningResult,
+    )
+    from servoscope.robots.recorded import RecordedRobot
     from servoscope.robots.registry import SimulatedRobot
 
     Trained = PositioningModel | KeyframeModel
@@ -21,6 +27,22 @@ if TYPE_CHECKING:
 Log = Annotated[Path | None, arg(metavar="FOLDER", help="New folder to log the run to.")]
 Replay = Annotated[
     Path | None, arg(metavar="FOLDER", help="Show the images of a log to the model instead.")
+]
+Robot = Annotated[
+    str | None,
+    arg(
+        metavar="{free,arm,recorded:FOLDER}",
+        help="The simulated robot that took the images of training, which is the default; or one "
+        "that goes to the nearest pose of a data set folder and shows the image taken there.",
+    ),
+]
+Start = Annotated[
+    str | None,
+    arg(
+        metavar="N",
+        help="Number of the start that is drawn, or number or name of the recorded image to begin "
+        "at; otherwise the first start of the seed.",
+    ),
 ]
 Tolerance = Annotated[
     str,
@@ -39,10 +61,13 @@ ConditionName = Annotated[
     ),
 ]
 
+_RECORDED = "recorded:"
+
 
 def position(
     model: Model,
-    robot: RobotName | None = None,
+    robot: Robot = None,
+    start: Start = None,
     condition: ConditionName = "range_1.0",
     seed: int = 0,
     max_moves: int = 12,
@@ -61,13 +86,15 @@ def position(
 ) -> None:
     """Bring the camera of a simulated robot back to the reference that a model was trained on.
 
-    The start is drawn within +-25 mm and +-15 deg about the pivot, or as the condition says. For a
-    robot of your own see docs/positioning.md: it takes 20 lines of Python.
+    The start is drawn within +-25 mm and +-15 deg about the pivot, or as the condition says. With
+    recorded:FOLDER the loop runs on your own images instead: the robot goes to the nearest of the
+    recorded poses. For a robot of your own see docs/positioning.md: it takes 20 lines of Python.
 
     Example: servoscope position model --robot arm --condition gain_0.8 --seed 3
 
+    Example: servoscope position model --robot recorded:desk --seed 3
+
     Args:
-        robot: Must be the one that took the images of training, which is the default.
         seed: Seed of the start and of the noise.
         max_moves: Moves after which it gives up.
         tolerance_mm: Distance from the reference to get under; by default as near as the noise
@@ -83,6 +110,7 @@ def position(
     from servoscope.assessment import parse_wishes
     from servoscope.commands.output import print_json
     from servoscope.positioning import LoopSettings, PositioningModel
+    from servoscope.scene.scene import T_WORLD_REF
     from servoscope.scoreboard.conditions import CONDITIONS
 
     if condition not in CONDITIONS:
@@ -105,8 +133,18 @@ def position(
         first_read_timeout_s=first_read_timeout_s,
         move_timeout_s=move_timeout_s,
     )
-    cell = _simulated_cell(trained, robot, condition, seed)
-    result, distances = _run(trained, cell, settings, dry_run, log)
+    cell: RecordedRobot | SimulatedRobot
+    if robot is not None and robot.startswith(_RECORDED):
+        if condition != "range_1.0":
+            raise InvalidInputError(
+                "--condition is of simulated cells; leave it out with recorded images."
+            )
+        folder = Path(robot.removeprefix(_RECORDED))
+        recorded, T_ref = _recorded(trained, folder, start, seed)
+        cell, settings = recorded, settings.for_poses_apart(*recorded.spacing())
+    else:
+        cell, T_ref = _simulated_cell(trained, robot, condition, seed, start), T_WORLD_REF
+    result, distances = _run(trained, cell, T_ref, settings, dry_run, log)
     if json:
         print_json({**result.to_dict(), "true_error": distances[-1]})
     else:
@@ -117,15 +155,54 @@ def position(
         raise ServoscopeError(f"{result.status}: {result.message}")
 
 
-def _simulated_cell(model: Trained, robot: str | None, condition: str, seed: int) -> SimulatedRobot:
+def _recorded(
+    model: Trained, folder: Path, start: str | None, seed: int
+) -> tuple[RecordedRobot, Any]:
+    """A robot that lives in a recording of the model's reference, and the reference's pose."""
+    import numpy as np
+
+    from servoscope.dataset import PoseImageSet
+    from servoscope.robots.recorded import RecordedRobot
+
+    data = PoseImageSet.load(folder)
+    if not np.array_equal(data.reference_image, model.reference_image):
+        raise InvalidInputError(
+            f"The reference image of {folder} is not the one that the model was trained on; "
+            "import the recording with the same reference frame and image width."
+        )
+    if start is None:
+        within = np.flatnonzero((np.abs(data.delta_p()) <= model.reach).all(axis=1))
+        if not within.size:
+            raise InvalidInputError(
+                f"No image of {folder} was taken within the range that the model was trained on; "
+                "name one with --start, or record nearer to the reference."
+            )
+        frame = int(np.random.default_rng(seed).choice(within))
+    elif start in data.names:
+        frame = list(data.names).index(start)
+    else:
+        frame = _number(start, f"the number or the name of an image of {folder}")
+    return RecordedRobot(data, frame), data.T_world_ref
+
+
+def _number(start: str, wanted: str) -> int:
+    if not (start.isascii() and start.isdigit() and len(start) < 10):
+        raise InvalidInputError(f"--start must be {wanted}, got {start!r}.")
+    return int(start)
+
+
+def _simulated_cell(
+    model: Trained, robot: str | None, condition: str, seed: int, start: str | None
+) -> SimulatedRobot:
     """The robot and the part of training, at a start and under a condition."""
     from servoscope.scoreboard.cell import robot_in_cell
 
     source = model.trained_on
     if not {"part", "variant", "robot"} <= source.keys():
         raise InvalidInputError(
-            "This command moves simulated robots, but the model was trained on other images; "
-            "docs/positioning.md shows how to run it on a robot of your own."
+            "The model was not trained on simulated images, so that there is no simulated robot "
+            "for it; give --robot recorded:FOLDER with the images, or see docs/positioning.md on "
+            "how to run it on a robot of your own."
         )
     if robot not in (None, source["robot"]):
         raise InvalidInputError(
@@ -134,12 +211,23 @@ def _simulated_cell(model: Trained, robot: str | None, condition: str, seed: int
         )
     height, _ = model.image_shape
     return robot_in_cell(
-        source["part"], source["variant"], source["robot"], condition, height, seed
+        source["part"],
+        source["variant"],
+        source["robot"],
+        condition,
+        height,
+        seed,
+        0 if start is None else _number(start, "a number from 0"),
     )
 
 
 def _run(
-    model: Trained, cell: SimulatedRobot, settings: Any, dry_run: bool, log: Path | None
+    model: Trained,
+    cell: SimulatedRobot | RecordedRobot,
+    T_ref: Any,
+    settings: LoopSettings,
+    dry_run: bool,
+    log: Path | None,
 ) -> tuple[PositioningResult, list[dict[str, float]]]:
     """The run, and the true distance from the reference at every look and at the end."""
     import numpy as np
@@ -147,14 +235,13 @@ def _run(
     from servoscope.poses import pose_error
     from servoscope.positioning.look_and_move import Positioner
     from servoscope.positioning.run_log import RunLog
-    from servoscope.scene.scene import T_WORLD_REF
 
     positioner = Positioner(model, settings)
     run_log = None if log is None else RunLog(log, positioner)
     distances: list[dict[str, float]] = []
 
     def note(step: Any = None, image: Any = None) -> None:
-        distance, angle = pose_error(T_WORLD_REF, cell.true_pose)
+        distance, angle = pose_error(T_ref, cell.true_pose)
         distances.append({"mm": 1e3 * float(distance), "deg": float(np.degrees(angle))})
         if run_log is not None and step is not None:
             run_log.write(step, image)

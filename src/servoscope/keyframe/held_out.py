@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,7 @@ from servoscope.poses import displacements_from_poses
 from servoscope.processes import in_processes, one_blas_thread
 
 Array = NDArray[np.float64]
+SimilarityBy = Callable[[Keyframe], Callable[[NDArray[np.uint8], Array], float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +61,7 @@ def held_out_looks(
     T_world_ref: ArrayLike,
     groups: ArrayLike,
     *,
+    similarity_by: SimilarityBy | None = None,
     n_jobs: int | None = 1,
     **options: Any,
 ) -> HeldOutLooks:
@@ -73,6 +76,9 @@ def held_out_looks(
     groups : array of shape (n,)
         Images that are not independent of each other, such as neighbours in a sequence, are of
         one group.
+    similarity_by : callable, optional
+        Makes of a keyframe the function of an image and a displacement that finds its similarity;
+        by default that of the alignment is taken. Of a module, if there are several processes.
     n_jobs : int, optional
         Processes, as joblib counts them; what is read does not depend on it.
     **options
@@ -95,7 +101,7 @@ def held_out_looks(
         )
     T_world_cam = rigid("T_world_cam", T_world_cam, (len(images), 4, 4))
     calls = (
-        (images, T_world_cam, reference_image, T_world_ref, group == k, options)
+        (images, T_world_cam, reference_image, T_world_ref, group == k, similarity_by, options)
         for k in range(len(names))
     )
     parts = list(in_processes(_read, calls, n_jobs))
@@ -118,6 +124,7 @@ def _read(
     reference_image: NDArray[np.uint8],
     T_world_ref: ArrayLike,
     out: NDArray[np.bool_],
+    similarity_by: SimilarityBy | None,
     options: dict[str, Any],
 ) -> tuple[Array, Array, Array, NDArray[np.float32], float]:
     """Errors, beliefs, similarities, residuals and noise of the images that are held out."""
@@ -127,11 +134,15 @@ def _read(
     residuals = Residuals(keyframe)
     with one_blas_thread():
         found = [keyframe.align(image) for image in images[out]]
+    similarity = [f.similarity for f in found]
+    if similarity_by is not None:
+        find = similarity_by(keyframe)
+        similarity = [find(i, f.displacement) for i, f in zip(images[out], found, strict=True)]
     true = displacements_from_poses(T_world_ref, T_world_cam[out], keyframe.pivot)
     return (
         np.array([f.delta_p for f in found]) - true,
         np.array([f.std for f in found]),
-        np.array([f.similarity for f in found]),
+        np.array(similarity),
         np.stack([residuals.of(image, f) for image, f in zip(images[out], found, strict=True)]),
         residuals.noise,
     )

@@ -191,6 +191,13 @@ def is_displaced(comparison: Comparison) -> bool:
     return comparison.shift > _EQUAL_SHIFT / 4 and comparison.significance > 2 * _EQUAL_SIGNIFICANCE
 
 
+def is_back(steps: Sequence[Step]) -> bool:
+    """Whether the last move ended at a pose where an earlier look was taken."""
+    if len(steps) < 2 or steps[-2].executed is None:
+        return False
+    return any(np.allclose(step.pose, steps[-1].pose, rtol=0, atol=1e-9) for step in steps[:-1])
+
+
 def scatter(steps: Sequence[Step], settings: LoopSettings, pivot: float) -> Array | None:
     """The scatter of the last looks, once moving brings the camera no nearer.
 

@@ -127,7 +127,7 @@ def estimate_fault(estimate: Any) -> str | None:
         return f"The estimator must give six deviations as an array, but gave {one_line(std)}."
     if (std < 0).any():
         return f"The estimator must give deviations of 0 or more, but gave {one_line(std)}."
-    for name in ("novelty", "similarity"):
+    for name in ("novelty", "similarity", "least_similarity"):
         value = getattr(estimate, name)
         if not isinstance(value, Real):
             return f"The estimator must give its {name} as a number, but gave {one_line(value)}."
@@ -147,10 +147,12 @@ def novelty_fault(estimate: Estimate, settings: LoopSettings) -> str | None:
             f"The image is unlike the training images, {estimate.novelty:.2f} where at most "
             f"{settings.novelty_limit:.2f} is allowed; {advice}"
         )
-    if estimate.similarity < settings.least_similarity:
+    least = settings.least_similarity
+    least = estimate.least_similarity if least is None else least
+    if estimate.similarity < least:
         return (
             "The image is unlike the training images: its similarity with what is expected is "
-            f"{estimate.similarity:.2f}, and at least {settings.least_similarity:.2f} is needed; "
+            f"{estimate.similarity:.2f}, and at least {least:.2f} is needed; "
             f"{advice}"
         )
     return None
@@ -187,6 +189,8 @@ def standing_fault(T_before: Array, T_now: Array, settings: LoopSettings) -> str
 
 def execution_fault(commanded: Array, executed: Array, settings: LoopSettings) -> str | None:
     """Of a motion that is not the one that was asked for."""
+    if settings.execution_share is None:  # it cannot go to every pose
+        return None
     asked, missed = (
         np.array(pose_error(T, executed_from)).ravel()
         for T, executed_from in ((np.eye(4), commanded), (commanded, executed))

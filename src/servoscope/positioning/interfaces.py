@@ -74,6 +74,8 @@ class Estimate:
     similarity : float
         Typical normalised correlation, cell by cell, of the image with what is expected at the
         displacement: 1 for the same, 0 for unrelated images; NaN where it is not known.
+    least_similarity : float
+        What images of the part have at least, as far as the estimator knows.
     """
 
     displacement: Array
@@ -82,6 +84,7 @@ class Estimate:
     stage: str
     is_finest: bool = True
     similarity: float = float("nan")
+    least_similarity: float = 0.75
 
     @property
     def distance(self) -> float:

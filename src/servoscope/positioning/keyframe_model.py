@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,22 @@ from numpy.typing import NDArray
 
 from servoscope.dataset import PoseImageSet
 from servoscope.errors import DataSetError, InvalidInputError
-from servoscope.features.shrinking import shrink
 from servoscope.keyframe import Alignment, Keyframe, held_out_looks
 from servoscope.poses import DISPLAY_FACTORS, DOFS, inverse_transform
+from servoscope.positioning.calibration import Calibration
 from servoscope.positioning.first_guess import FirstGuess
 from servoscope.positioning.interfaces import Array, Estimate, Image
 from servoscope.positioning.model_folder import Folder, write_model
-from servoscope.positioning.reference_view import SIZE, similarity
+from servoscope.positioning.recognition import (
+    LEAST_SIMILARITY,
+    Recognition,
+    chance_similarity,
+    least_similarity,
+    read_right,
+    recogniser,
+    some_images,
+)
+from servoscope.splits import independent_groups
 
 KIND = "keyframe"
 """What ``model.json`` calls a model of this kind."""
@@ -32,8 +42,10 @@ _MOST_IMAGES = 90
 _FARTHEST = 1.5
 """Shares of the reach beyond which nothing is read."""
 
-_ALIKE, _CLEARLY_ALIKE = 0.75, 0.85
+_CLEARLY_ALIKE = 0.85
+_MOST_OPTIMISTIC = 5.0
 _N_GROUPS = 3
+_NORMAL_QUANTILE_90 = 1.645
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +95,7 @@ class KeyframeModel:
         cls,
         data: PoseImageSet,
         *,
+        calibration: Calibration | None = None,
         n_jobs: int | None = -1,
         on_progress: Callable[[int], object] | None = None,
     ) -> KeyframeModel:
@@ -91,6 +104,8 @@ class KeyframeModel:
         Parameters
         ----------
         data : PoseImageSet
+        calibration : Calibration, optional
+            What need not be found, or is known of the poses.
         n_jobs : int, optional
             Processes, as joblib counts them; every number of them gives the same model.
         on_progress : callable, optional
@@ -110,34 +125,45 @@ class KeyframeModel:
         tell = on_progress or (lambda _: None)
         shown = np.unique(np.linspace(0, len(data) - 1, _MOST_IMAGES).astype(int))
         images, poses = data.images[shown], data.T_world_cam[shown]
-        reference, groups = (data.reference_image, data.T_world_ref), _groups(data)[shown]
+        reference = data.reference_image, data.T_world_ref
+        options = (calibration or Calibration()).options(is_sequence=data.split == "blocks")
+        options["pivot"] = data.pivot
         try:
+            groups = independent_groups(data, _N_GROUPS).labels[shown]
+            held = groups >= 0
             looks = held_out_looks(
-                images, poses, *reference, groups, n_jobs=n_jobs, pivot=data.pivot
-            )
+                images[held], poses[held], *reference, groups[held],
+                similarity_by=recogniser, n_jobs=n_jobs, **options,
+            )  # fmt: skip
             tell(1)
-            keyframe = Keyframe.fit(images, poses, *reference, pivot=data.pivot)
+            keyframe = Keyframe.fit(images, poses, *reference, **options)
             tell(2)
         except InvalidInputError as error:
             raise DataSetError(f"No keyframe can be fitted: {error}") from error
-        displacements = inverse_transform(data.T_world_ref) @ poses
-        first_guess = FirstGuess.train(keyframe, data.ranges(), images, displacements)
-        tell(3)
-        errors = np.abs(looks.errors)
+        errors, reach = np.abs(looks.errors), data.ranges()
+        right = read_right(errors, reach)
+        factor = deviation_factor(errors[right], looks.std[right])
+        keyframe = replace(keyframe, model_error=factor * keyframe.model_error)
+        chance = chance_similarity(keyframe, list(some_images(images)), _FARTHEST * reach)
         accuracy = {
-            "error_shares": _by_dof(error_shares(errors, data.delta_p()[shown])),
+            "error_shares": _by_dof(error_shares(errors, data.delta_p()[shown][held])),
             "median": _by_dof(np.median(errors, axis=0) * DISPLAY_FACTORS),
             "quantile_90": _by_dof(np.quantile(errors, 0.9, axis=0) * DISPLAY_FACTORS),
-            "within_2_std": float(np.mean(errors <= 2 * looks.std)),
+            "within_2_std": float(np.mean(errors <= 2 * factor * looks.std)),
             "similarity": float(np.median(looks.similarity)),
+            "chance_similarity": chance,
+            "least_similarity": least_similarity(looks.similarity[right], chance),
             "n_images": len(shown),
             "residual": keyframe.residual,
             "residual_over_noise": looks.residual_over_noise,
             "noise": keyframe.noise,
             "observable": keyframe.observable,
         }
+        displacements = inverse_transform(data.T_world_ref) @ poses
+        first_guess = FirstGuess.train(keyframe, reach, images, displacements)
+        tell(3)
         residual = np.asarray(looks.residual_map / looks.noise, np.float32)
-        return cls(keyframe, data.ranges(), dict(data.source), accuracy, residual, first_guess)
+        return cls(keyframe, reach, dict(data.source), accuracy, residual, first_guess)
 
     def estimate(self, image: Image, previous: Estimate | None = None) -> Estimate:
         """Where an image was taken.
@@ -158,7 +184,7 @@ class KeyframeModel:
         """
         if previous is not None:
             near = self._as_estimate(image, self.keyframe.align(image, np.eye(4)))
-            if near.similarity >= _ALIKE:
+            if near.similarity >= near.least_similarity:
                 return near
         starts = None if self.first_guess is None else self.first_guess(image)
         found = self.keyframe.align(image, starts)
@@ -167,17 +193,18 @@ class KeyframeModel:
         return self._as_estimate(image, found)
 
     def _as_estimate(self, image: Image, found: Alignment) -> Estimate:
-        width = round(SIZE * min(1.0, image.shape[1] / max(image.shape)))
-        width = min(width, image.shape[1])
-        expected, known = self.keyframe.render(found.displacement, width)
-        seen = shrink(image, max(expected.shape))
         return Estimate(
             displacement=found.displacement,
             std=found.std,
             novelty=float(np.max(np.abs(found.delta_p) / (_FARTHEST * self.reach))),
             stage="keyframe",
-            similarity=similarity(seen, expected.astype(np.float32), known.astype(np.float32)),
+            similarity=self._recognition.similarity(image, found.displacement),
+            least_similarity=float(self.accuracy.get("least_similarity", LEAST_SIMILARITY)),
         )
+
+    @cached_property
+    def _recognition(self) -> Recognition:
+        return Recognition(self.keyframe)
 
     def save(self, folder: Folder, *, force: bool = False) -> None:
         """Write the model to a folder of its own, whole or not at all.
@@ -223,6 +250,8 @@ class KeyframeModel:
             raise ValueError("its reference image is not of its image size")
         if reach.shape != (6,) or not (np.isfinite(reach) & (reach > 0)).all():
             raise ValueError("its reach is not six positive numbers")
+        if not 0 <= float(header["accuracy"].get("least_similarity", 0)) <= 1:
+            raise ValueError("its least similarity is not between 0 and 1")
         guess = parts["first_guess"]
         first_guess = FirstGuess.from_arrays(guess, reach, keyframe.pivot) if guess else None
         return cls(
@@ -247,19 +276,12 @@ def error_shares(errors: Array, truth: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(errors**2, axis=0)) / spread)
 
 
-def _groups(data: PoseImageSet) -> NDArray[np.intp]:
-    """Groups to hold out: blocks of a sequence, or images that are as far away."""
-    n = len(data)
-    if data.split == "blocks":
-        order = np.arange(n) if data.times is None else np.argsort(data.times, kind="stable")
-        groups = np.empty(n, dtype=np.intp)
-        groups[order] = np.arange(n) * _N_GROUPS // n
-        return groups
-    delta_p, reach = data.delta_p(), data.ranges()
-    places = np.unique(
-        np.round(delta_p / np.maximum(1e-3 * reach, 1e-9)), axis=0, return_inverse=True
-    )
-    return np.asarray(places[1].ravel() % _N_GROUPS, dtype=np.intp)
+def deviation_factor(errors: Array, std: Array) -> Array:
+    """By how much believed deviations of images held out were too small, by dof; 1 at least."""
+    if not len(errors):
+        return np.full(6, _MOST_OPTIMISTIC)
+    ratio = np.quantile(errors / std, 0.9, axis=0) / _NORMAL_QUANTILE_90
+    return np.asarray(np.clip(ratio, 1.0, _MOST_OPTIMISTIC))
 
 
 def _by_dof(values: Array) -> dict[str, float]:

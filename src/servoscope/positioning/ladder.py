@@ -34,6 +34,7 @@ HIGHEST_DEGREES = ((0.5, 4), (0.1, 3), (0.0, 2))
 _RADII = [float(radius) for radius in 2.0 ** -np.arange(0, 12, 0.25)]
 _SHELL = 0.7
 _WIDE = 0.5
+_NARROW = 0.2
 _LEAST_IMAGES = 112
 _IMAGES_PER_TERM = 2
 _MOST_HELD_OUT = 40
@@ -43,11 +44,12 @@ _NOISE = 3.0
 
 
 class HeldOut(NamedTuple):
-    """Images that no level learns from: as they are, and disturbed."""
+    """Images that no level learns from: as they are, and disturbed; and those that are kept."""
 
     images: Images
     disturbed: Images
     p: Array
+    kept: NDArray[np.intp]
 
 
 class Rung(NamedTuple):
@@ -86,8 +88,8 @@ def plan_rungs(p: Array) -> list[Rung]:
     if not rungs or rungs[0].radius < 1:
         least = _images_needed(2)
         raise DataSetError(
-            f"Training needs at least {least} images displaced by {_SHELL:.0%} of the range or "
-            f"more, got {int(np.sum(size > _SHELL))}; take more, say with --schedule default."
+            f"Levels need at least {least} images displaced by {_SHELL:.0%} of the range or more, "
+            f"got {int(np.sum(size > _SHELL))}; take more, or train a keyframe, which needs few."
         )
     return rungs
 
@@ -111,16 +113,21 @@ def _images_needed(degree: int) -> int:
     return max(_LEAST_IMAGES, _IMAGES_PER_TERM * len(exponents(degree)))
 
 
-def hold_out(images: Images, p: Array, rng: np.random.Generator) -> tuple[NDArray, HeldOut]:
-    """Which images to learn from, and one of every ten that are displaced about as far."""
-    n_held = len(images) // 10
-    tens = np.argsort(np.abs(p).max(axis=1), kind="stable")[: 10 * n_held].reshape(n_held, 10)
-    held = np.sort(tens[np.arange(n_held), rng.integers(10, size=n_held)])
-    poses = find_repeats(p, p)
-    kept = np.flatnonzero(~np.isin(poses, poses[held]))
+def hold_out(
+    images: Images, p: Array, rng: np.random.Generator, groups: NDArray[np.intp] | None = None
+) -> HeldOut:
+    """One of every ten images that are displaced about as far, or the first of the groups."""
+    if groups is None:
+        n_held = len(images) // 10
+        tens = np.argsort(np.abs(p).max(axis=1), kind="stable")[: 10 * n_held].reshape(n_held, 10)
+        held = np.sort(tens[np.arange(n_held), rng.integers(10, size=n_held)])
+        poses = find_repeats(p, p)
+        kept = np.flatnonzero(~np.isin(poses, poses[held]))
+    else:
+        held, kept = np.flatnonzero(groups == 0), np.flatnonzero(groups > 0)
     disturbances = Disturbances()
     disturbed = np.stack([disturbances.disturb(images[i], rng) for i in held])
-    return kept, HeldOut(images[held], disturbed, p[held])
+    return HeldOut(images[held], disturbed, p[held], kept)
 
 
 def learn_levels(
@@ -129,6 +136,7 @@ def learn_levels(
     reference_image: Images,
     rng: np.random.Generator,
     on_progress: Callable[[int], object] | None = None,
+    groups: NDArray[np.intp] | None = None,
 ) -> tuple[list[LearnedInteraction], HeldOut]:
     """Learn every level, each with the blur that does best on held-out images.
 
@@ -142,6 +150,9 @@ def learn_levels(
         Draws what is held out, and the disturbances.
     on_progress : callable, optional
         Called with the number of levels that are learned.
+    groups : ndarray of shape (n_images,), optional
+        Images of group 0 are held out, those of higher groups learned from; by default one image
+        of ten is held out.
 
     Returns
     -------
@@ -150,8 +161,8 @@ def learn_levels(
     held_out : HeldOut
     """
     rungs = plan_rungs(p)
-    kept, held_out = hold_out(images, p, rng)
-    images, p = images[kept], p[kept]
+    held_out = hold_out(images, p, rng, groups)
+    images, p = images[held_out.kept], p[held_out.kept]
     levels: list[LearnedInteraction] = []
     for rung in rungs:
         blurs = BLURS[:3]
@@ -168,7 +179,8 @@ def learn_levels(
         levels.append(_calibrated(best, held_out))
         if on_progress is not None:
             on_progress(len(levels))
-    levels[-1] = _calibrated_by_noise(levels[-1], held_out, rng)
+    if levels[-1].radius <= _NARROW:
+        levels[-1] = _calibrated_by_noise(levels[-1], held_out, rng)
     return levels, held_out
 
 
@@ -220,7 +232,8 @@ def _calibrated_by_noise(
     """The narrowest level, its standard deviations set by the scatter that noise alone makes.
 
     Where it ends its errors vanish with the displacement, all but those of noise; on held-out
-    images they would hold those of the robot too.
+    images they would hold those of the robot too. Without images near the reference they do not
+    vanish, and the level keeps the deviations that held-out images showed.
     """
     scatter, std = [], []
     for i in _near(level, held_out.p):

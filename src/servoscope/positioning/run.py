@@ -18,7 +18,7 @@ from servoscope.positioning.guard import as_text
 from servoscope.positioning.interfaces import Array, Camera, Estimate, Estimator, Image, Robot
 from servoscope.positioning.reference_view import ReferenceView
 from servoscope.positioning.result import PositioningResult, Step
-from servoscope.positioning.settings import LoopSettings
+from servoscope.positioning.settings import ORDINARY_MISS, LoopSettings
 from servoscope.wording import one_line
 
 OnStep = Callable[[Step, Image], object]
@@ -113,7 +113,8 @@ class Run:
                 executed = self.robot.move(commanded, self.steps[-1].pose)
                 self.steps[-1] = replace(self.steps[-1], executed=executed)
         except RunEnded as end:
-            if end.status in _RETURNING and not dry_run:
+            is_coarse = self.settings.is_coarse and end.status == "limited"
+            if (end.status in _RETURNING or is_coarse) and not dry_run:
                 self._return_to_best()
             raise
 
@@ -298,6 +299,8 @@ class Run:
         excess = arrival.supports(estimate, settings, pivot)
         is_within = arrival.is_within_tolerance(estimate.displacement, settings, pivot)
         is_there = is_within and excess is None
+        if not is_there and settings.is_coarse and arrival.is_back(self.steps):
+            return self._as_near_as_the_robot_allows("It is back at a pose where it was.")
         allowed_by, note = "the noise", ""
         if not is_there and not arrival.is_noise_only(estimates, pivot, settings):
             scatter = arrival.scatter(self.steps, settings, pivot)
@@ -309,6 +312,8 @@ class Run:
             note = (
                 f" It comes to rest {rest.mm:.2f} mm and {rest.deg:.3f} deg from where it is sent."
             )
+            if rest.mm > ORDINARY_MISS["mm"] or rest.deg > ORDINARY_MISS["deg"]:
+                return self._as_near_as_the_robot_allows(note)
         if found := arrival.doubts(self.steps[-1], settings):
             return self._unconfirmed(found) if is_within else None
         caution = arrival.caution(self.steps[-1])
@@ -321,6 +326,10 @@ class Run:
         if above := reached.excess(settings) or excess:
             return RunEnded("limited", f"{near} The tolerance is not met: {above}.{caution}")
         return RunEnded("converged", near + caution)
+
+    def _as_near_as_the_robot_allows(self, note: str) -> RunEnded:
+        reason = f"As near as the robot allows {self._there()} {note.strip()}{self._hindrances()}"
+        return RunEnded("limited", reason)
 
     def _unconfirmed(self, found: list[str]) -> RunEnded | None:
         """The end of a run that seemed twice to have arrived, with something against it."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from numbers import Real
 
 import numpy as np
@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 
 NEAR_ENOUGH = {"mm": 0.05, "deg": 0.005}
 """Distance and angle that are always near enough where no tolerance is asked for."""
+
+ORDINARY_MISS = {"mm": 0.5, "deg": 0.1}
+"""Farther from where it is sent than this no robot comes to rest that is in order."""
 
 _LEAST_BOX = np.array([5e-3] * 3 + [np.radians(1.0)] * 3)
 
@@ -46,8 +49,9 @@ class LoopSettings:
         The poses stay in a box around the start, this many times the estimator's reach.
     novelty_limit : float
         The most unlike the training images that an image may be.
-    least_similarity : float
-        The least similarity of an image with what the estimator expects at the displacement.
+    least_similarity : float, optional
+        The least similarity of an image with what the estimator expects at the displacement; by
+        default what the estimator states.
     least_usable : float
         Share of the pixels that must not be clipped, unless the reference is clipped there.
     least_matched : float
@@ -70,10 +74,11 @@ class LoopSettings:
         the thread of the caller.
     first_read_timeout_s : float, optional
         The same for the first image, for which a camera may have to start.
-    execution_share : float
-        A robot may miss a move by this share of it, or by
-        `execution_mm` and `execution_deg` if they are more.
+    execution_share : float, optional
+        A robot may miss a move by this share of it, or by `execution_mm` and `execution_deg` if
+        they are more; None for a robot that cannot go to every pose but reports where it went.
     execution_mm, execution_deg : float
+        How far from where it is sent an ordinary move ends at most.
 
     Raises
     ------
@@ -95,9 +100,9 @@ class LoopSettings:
     repeatability_deg: float = 0.0
     max_step_mm: float | None = None
     max_step_deg: float | None = None
-    workspace_margin: float = 1.3
+    workspace_margin: float = 1.6
     novelty_limit: float = 1.0
-    least_similarity: float = 0.75
+    least_similarity: float | None = None
     least_usable: float = 0.7
     least_matched: float = 0.5
     largest_innovation: float | None = 0.75
@@ -107,9 +112,9 @@ class LoopSettings:
     read_timeout_s: float | None = 5.0
     first_read_timeout_s: float | None = 30.0
     move_timeout_s: float | None = 60.0
-    execution_share: float = 0.2
-    execution_mm: float = 0.5
-    execution_deg: float = 0.1
+    execution_share: float | None = 0.2
+    execution_mm: float = ORDINARY_MISS["mm"]
+    execution_deg: float = ORDINARY_MISS["deg"]
 
     def __post_init__(self) -> None:
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "tolerances"}
@@ -139,6 +144,22 @@ class LoopSettings:
         for name in ("max_step_mm", "max_step_deg"):
             if getattr(self, name) == 0:
                 raise InvalidInputError(f"{name} must be more than 0, or None for the reach.")
+
+    def for_poses_apart(self, mm: float, deg: float) -> LoopSettings:
+        """The same for a robot that can only go to some poses, and reports to which it went.
+
+        Parameters
+        ----------
+        mm, deg : float
+            Distance and angle between neighbouring poses near the reference: it cannot be
+            expected to come nearer.
+        """
+        return replace(self, execution_share=None, execution_mm=mm, execution_deg=deg)
+
+    @property
+    def is_coarse(self) -> bool:
+        """Whether they are for a robot that can only go to some poses."""
+        return self.execution_share is None
 
     def repeatability(self, pivot: float) -> Array:
         """Standard deviation that the robot's scatter makes of each dof, (6,), [m] and [rad]."""

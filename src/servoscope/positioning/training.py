@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,15 @@ from numpy.typing import NDArray
 from servoscope.dataset import PoseImageSet
 from servoscope.errors import DataSetError, InvalidInputError, ServoscopeWarning
 from servoscope.poses import DISPLAY_FACTORS, DOFS, displacements_from_poses
+from servoscope.positioning.calibration import Calibration
+from servoscope.positioning.decision import compare_methods
 from servoscope.positioning.disturbances import Disturbances
 from servoscope.positioning.keyframe_model import KeyframeModel, error_shares
 from servoscope.positioning.ladder import HeldOut, has_images_for_levels, learn_levels
 from servoscope.positioning.model import PositioningModel
 from servoscope.positioning.pose_networks import PoseNetworks
 from servoscope.processes import one_blas_thread
+from servoscope.splits import independent_groups
 
 Array = NDArray[np.float64]
 
@@ -30,6 +34,8 @@ LEAST_GAIN = 0.8
 """A dof is observable if its error is at most this share of that of predicting the mean."""
 
 _OUTER = 0.3
+_OUTLYING = 1.1
+_N_GROUPS = 6
 _MOST_CHECKED = 40
 _LEAST_OUTER = 10
 
@@ -41,6 +47,7 @@ def train(
     seed: int = 0,
     n_jobs: int | None = -1,
     on_progress: Callable[[int], object] | None = None,
+    calibration: Calibration | None = None,
 ) -> PositioningModel | KeyframeModel:
     """A model that reads where images were taken.
 
@@ -51,13 +58,16 @@ def train(
         may be the flange's: where the camera sits need not be known.
     method : {"auto", "keyframe", "levels"}
         Fit a keyframe, which takes 15 to 60 images, or learn levels and networks, which take
-        hundreds in rings; by default whatever the images are enough for, levels first.
+        hundreds; by default a keyframe if the images are too few for levels, else what reads
+        images held out better.
     seed : int
         Draws the nets' starts, what is held out, and the disturbances.
     n_jobs : int, optional
         Processes, as joblib counts them; the model does not depend on it.
     on_progress : callable, optional
         Called with the number of stages, of `N_STAGES`, that are finished.
+    calibration : Calibration, optional
+        What is known of lens, poses and distance, for a keyframe.
 
     Returns
     -------
@@ -81,34 +91,84 @@ def train(
         )
     if method not in METHODS:
         raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, got {method!r}.")
+    data = within_range(data)
+    calibration = calibration or Calibration()
+    if method == "keyframe" or (
+        method == "auto" and not has_images_for_levels(data.delta_p() / data.ranges())
+    ):
+        return _keyframe(data, calibration, n_jobs, on_progress)
+    tell = on_progress or (lambda _: None)
+    with one_blas_thread():
+        levels, held_out = _levels(data, seed, n_jobs, tell)
+        if method == "auto":
+            decision = compare_methods(levels, data, held_out, calibration)
+            if decision["chosen"] == "keyframe":
+                model = _keyframe(data, calibration, n_jobs, None)
+                model.accuracy["decision"] = decision
+                tell(N_STAGES)
+                return model
+            levels.accuracy["decision"] = decision
+    check_observable(levels.accuracy["error_shares"])
+    tell(N_STAGES)
+    return levels
+
+
+def within_range(data: PoseImageSet) -> PoseImageSet:
+    """The images within the range; a few are not where the range is estimated without outliers."""
+    is_outlier = (np.abs(data.delta_p()) > _OUTLYING * data.ranges()).any(axis=1)
+    if not is_outlier.any():
+        return data
+    inside = np.flatnonzero(~is_outlier)
+    return replace(
+        data,
+        images=data.images[inside],
+        T_world_cam=data.T_world_cam[inside],
+        names=[data.names[int(i)] for i in inside],
+        times=None if data.times is None else data.times[inside],
+    )
+
+
+def _keyframe(
+    data: PoseImageSet,
+    calibration: Calibration,
+    n_jobs: int | None,
+    on_progress: Callable[[int], object] | None,
+) -> KeyframeModel:
+    model = KeyframeModel.train(
+        data, calibration=calibration, n_jobs=n_jobs, on_progress=on_progress
+    )
+    check_observable(model.accuracy["error_shares"])
+    return model
+
+
+def _levels(
+    data: PoseImageSet, seed: int, n_jobs: int | None, tell: Callable[[int], object]
+) -> tuple[PositioningModel, HeldOut]:
+    """A model of levels and networks, and the images that no level learned from."""
     reach, delta_p = data.ranges(), data.delta_p()
     p = delta_p / reach
-    if method == "keyframe" or (method == "auto" and not has_images_for_levels(p)):
-        keyframe = KeyframeModel.train(data, n_jobs=n_jobs, on_progress=on_progress)
-        check_observable(keyframe.accuracy["error_shares"])
-        return keyframe
-    tell = on_progress or (lambda _: None)
     rng = np.random.default_rng([seed, len(data)])
-    with one_blas_thread():
-        levels, held_out = learn_levels(data.images, p, data.reference_image, rng)
-        tell(1)
-        outer = np.abs(p).max(axis=1) > _OUTER
-        networks = PoseNetworks.train(
-            data.images[outer],
-            delta_p[outer],
-            reach,
-            disturbances=Disturbances(),
-            seed=seed,
-            n_jobs=n_jobs,
-        )
-        tell(2)
-        model = PositioningModel(
-            networks, levels, data.reference_image, data.pivot, reach, dict(data.source)
-        )
-        model.accuracy.update(_measure(model, held_out))
-    check_observable(model.accuracy["error_shares"])
-    tell(3)
-    return model
+    is_sequence = data.split == "blocks"
+    groups = independent_groups(data, _N_GROUPS).labels if is_sequence else None
+    levels, held_out = learn_levels(data.images, p, data.reference_image, rng, groups=groups)
+    tell(1)
+    outer = np.abs(p).max(axis=1) > _OUTER
+    if groups is not None:
+        outer &= groups > 0
+    networks = PoseNetworks.train(
+        data.images[outer],
+        delta_p[outer],
+        reach,
+        disturbances=Disturbances(),
+        seed=seed,
+        n_jobs=n_jobs,
+    )
+    tell(2)
+    model = PositioningModel(
+        networks, levels, data.reference_image, data.pivot, reach, dict(data.source)
+    )
+    model.accuracy.update(_measure(model, held_out))
+    return model, held_out
 
 
 def check_observable(error_shares: Mapping[str, float]) -> None:

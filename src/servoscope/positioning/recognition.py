@@ -1,0 +1,132 @@
+"""Whether an image shows what a keyframe expects: a similarity, and the least of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.keyframe import Keyframe
+from servoscope.keyframe.rendering import JUMP, project
+from servoscope.keyframe.views import View
+from servoscope.keyframe.warping import UNSEEN, sample
+from servoscope.poses import inverse_transform
+from servoscope.positioning.interfaces import Array, Image
+from servoscope.positioning.reference_view import SIZE, similarity
+
+LEAST_SIMILARITY = 0.75
+"""The least similarity where too little is known to find one."""
+
+_SIGMA = 0.7
+_LEAST_CHANCE = 0.5
+_WORST = 0.05
+_N_FOREIGN = 8
+
+
+class Recognition:
+    """Compares images with what a keyframe expects at a displacement.
+
+    Parameters
+    ----------
+    keyframe : Keyframe
+
+    Notes
+    -----
+    The image is sampled where each pixel of the reference image would be seen, unless another
+    surface hides it there, and compared with the reference image cell by cell. The median over
+    the cells leaves out what is covered or lit otherwise.
+    """
+
+    def __init__(self, keyframe: Keyframe) -> None:
+        height, width = keyframe.reference_image.shape
+        self._width = min(max(1, round(SIZE * width / max(height, width))), width)
+        self._view = View.of(keyframe.reference_image, self._width, _SIGMA)
+        self._rays = keyframe.camera.rays(self._view.points)[0].astype(np.float32)
+        self._depth = self._view.resize(keyframe.inverse_depth).ravel()
+        smooth = self._view.resize(cv2.medianBlur(keyframe.inverse_depth, 5))
+        self._surface = smooth.ravel().astype(float)
+        self._keyframe = keyframe
+
+    def similarity(self, image: Image, displacement: Array) -> float:
+        """Median normalised correlation of the cells in view; 0 where too few are in view."""
+        mount, values = self._keyframe.mount, self._keyframe.camera.values
+        T = inverse_transform(mount) @ inverse_transform(displacement) @ mount
+        view, seen = self._view, np.empty(len(self._depth), dtype=np.float32)
+        prepared = view.prepare(image)
+        sample(prepared, T, values, view.aspect, self._rays, self._depth, seen)
+        shown = (seen > UNSEEN) & ~self._is_hidden(T, values)
+        weights = shown.reshape(view.shape).astype(np.float32)
+        seen = np.where(shown, seen, 0).reshape(view.shape)
+        return similarity(seen, view.grey, weights)
+
+    def _is_hidden(self, T: Array, values: Array) -> NDArray[np.bool_]:
+        """Whether each point of the reference is behind another one, shape (n,)."""
+        view = self._view
+        points = np.empty((len(self._surface), 3))
+        project(T, values, view.aspect, self._rays.astype(float), self._surface, points)
+        height, width = view.shape
+        columns = ((points[:, 0] + 0.5) * width).clip(0, width - 1).astype(int)
+        rows = ((points[:, 1] / view.aspect + 0.5) * height).clip(0, height - 1).astype(int)
+        nearest = np.zeros(view.shape)
+        np.maximum.at(nearest, (rows, columns), points[:, 2])
+        return np.asarray(points[:, 2] < (1 - JUMP) * nearest[rows, columns])
+
+
+def recogniser(keyframe: Keyframe) -> Callable[[Image, Array], float]:
+    """The function that finds the similarity of an image at a displacement."""
+    return Recognition(keyframe).similarity
+
+
+def chance_similarity(keyframe: Keyframe, images: Sequence[Image], farthest: Array) -> float:
+    """The greatest similarity of images that show something else.
+
+    They are the images themselves, turned by 90 and 180 degrees, which is more than any
+    displacement within `farthest`; what is read beyond that is refused anyway.
+    """
+    recognition, (height, width) = Recognition(keyframe), keyframe.reference_image.shape
+    found = [0.0]
+    for image in images:
+        for quarters in (1, 2):
+            turned = np.ascontiguousarray(np.rot90(image, quarters))
+            if turned.shape != (height, width):
+                turned = np.asarray(cv2.resize(turned, (width, height)), dtype=np.uint8)
+            read = keyframe.align(turned)
+            if (np.abs(read.delta_p) <= farthest).all():
+                found.append(recognition.similarity(turned, read.displacement))
+    return max(found)
+
+
+def least_similarity(own: Array, chance: float) -> float:
+    """The least similarity at which an image is taken for one of the part.
+
+    Half way between what chance reaches and what nearly all images held out reach.
+
+    Parameters
+    ----------
+    own : ndarray of shape (n,)
+        Similarities of images that were held out and read right.
+    chance : float
+        The greatest similarity of images that show something else.
+
+    Examples
+    --------
+    >>> least_similarity(np.full(20, 0.98), 0.2), least_similarity(np.full(20, 0.96), 0.7)
+    (0.74, 0.83)
+    """
+    if not len(own):
+        return LEAST_SIMILARITY
+    usual = float(np.quantile(own, _WORST))
+    return round(min(usual, (max(chance, _LEAST_CHANCE) + usual) / 2), 4)
+
+
+def some_images(images: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A few of the images, evenly spread."""
+    n = min(_N_FOREIGN, len(images))
+    return images[np.linspace(0, len(images) - 1, n).round().astype(int)]
+
+
+def read_right(errors: Array, reach: Array) -> NDArray[np.bool_]:
+    """Which images were read at about the right place, given errors of shape (n, 6)."""
+    return np.asarray((np.abs(errors) <= 0.25 * reach).all(axis=1))
