@@ -37,7 +37,7 @@ def levels(error: float) -> SimpleNamespace:
 
 @pytest.mark.parametrize(
     ("of_levels", "of_keyframe", "chosen"),
-    [(0.01, 0.001, "levels"), (0.1, 0.08, "keyframe"), (0.1, 0.12, "levels"),
+    [(0.01, 0.001, "keyframe"), (0.1, 0.08, "keyframe"), (0.1, 0.12, "levels"),
      (0.4, 0.1, "keyframe"), (0.1, 0.4, "levels")],
 )  # fmt: skip
 def test_the_better_one_is_chosen(monkeypatch, of_levels, of_keyframe, chosen) -> None:
