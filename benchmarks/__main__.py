@@ -23,6 +23,7 @@ KERNELS = (
     "photometric",
     "faults",
     "keyframe",
+    "few_images",
     "rehearsal",
     "next_images",
     "recorded",

@@ -40,6 +40,7 @@ REHEARSED = (
     "defocus",
     "repeatability",
     "stale_frames",
+    "light_falloff",
 )
 HEADER = (
     "condition",

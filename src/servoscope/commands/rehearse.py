@@ -41,7 +41,7 @@ def rehearse(
         starts: Starts under each condition.
         conditions: Names of what is different; by default all that images can show: range_0.4,
             range_1.0, range_1.5, gain_0.8, gain_0.95, light_moved, covered_10, covered_20,
-            noise_10, defocus, repeatability, stale_frames.
+            noise_10, defocus, repeatability, stale_frames, light_falloff.
         range_mm: Largest displacement of a start along each axis at range 1.0; by default that
             which the images were taken in.
         range_deg: The same about each axis, about the pivot.

@@ -38,6 +38,9 @@ _LEAST_SLOPE = 0.1
 _REGISTRATION = 0.035
 """Standard deviation of the place of a block of the view beside the middles of pixels, [px]."""
 
+_RELIT = 0.4
+"""The same in a light as uneven as the reference's grey levels are, [px]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
@@ -185,9 +188,10 @@ class Aligner:
         """Covariance of the displacement about the pivot.
 
         The sandwich formula with residuals that are correlated inside blocks of the view; errors
-        of registration between pixels, alike inside blocks; and the keyframe's own errors, which
-        grow with the displacement. Robust weights hold less than they say: the slope of what they
-        make of a residual is ``w (1 - 3 u) / (1 + u)``.
+        of registration, alike inside blocks, between pixels and where another light shows another
+        shading; and the keyframe's own errors, which grow with the displacement. Robust weights
+        hold less than they say: the slope of what they make of a residual is
+        ``w (1 - 3 u) / (1 + u)``.
         """
         J, r, w, scale = level.linearise(image, guess)
         u = (r / (BEND * scale)) ** 2
@@ -198,7 +202,8 @@ class Aligner:
         information = ((alone * w[:, None]).T @ J).astype(float)
         bread = np.linalg.inv(max(slope, _LEAST_SLOPE) * information + np.diag(1 / PRIOR**2))
         shift = self.view_shift(guess.T)
-        misplaced = _REGISTRATION * min(1.0, shift * level.camera.f * level.view.width)
+        apart = min(1.0, shift * level.camera.f * level.view.width)
+        misplaced = np.hypot(_REGISTRATION * apart, _RELIT * guess.light.unevenness(level.grey))
         meat = np.diag(1 / PRIOR**2)
         for error in (r, *(misplaced / level.view.width * level.slopes.T)):
             scores = (alone * (w * error)[:, None]).T

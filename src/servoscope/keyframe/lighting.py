@@ -49,6 +49,11 @@ class Light:
         hats = np.array([np.interp(np.linspace(0, 1, k), before, e) for e in np.eye(len(before))])
         return Light(hats.T @ self.nodes @ hats, self.defocus)
 
+    def unevenness(self, grey: Floats) -> float:
+        """By how much it changes grey levels over the view, in shares of how they differ."""
+        change = self.nodes[0] * float(grey.mean()) + self.nodes[1]
+        return float(change.std() / max(float(grey.std()), 1.0))
+
     def moved(self, step: NDArray[np.floating]) -> Light:
         """After a step of defocus and all nodes."""
         nodes = self.nodes + step[1:].reshape(self.nodes.shape)

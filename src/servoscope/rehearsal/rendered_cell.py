@@ -12,6 +12,7 @@ from servoscope.rehearsal.relighting import light_change
 from servoscope.rehearsal.true_view import OwnErrors, TrueView
 from servoscope.robots.late_images import LateImages
 from servoscope.robots.registry import SimulatedRobot
+from servoscope.scene.falloff import Falloff
 from servoscope.scene.scene import Scene
 from servoscope.scene.strengths import added_noise
 from servoscope.scoreboard.cell import start_direction, trial_rng
@@ -80,6 +81,9 @@ class RenderedCell:
     def read(self) -> NDArray[np.uint8]:
         """The image from where it is."""
         clean = self.view.image(self._reached)
+        if self.condition.falloff:
+            shaded = Falloff(*self.condition.falloff, seed=self.seed).shade(clean.astype(float))
+            clean = np.rint(shaded.clip(0, 255)).astype(np.uint8)
         disturbed = self._disturbances.disturb(clean, np.random.default_rng(self.seed))
         grey = disturbed + added_noise(clean.shape, self.noise, self.rng)
         return np.rint(grey.clip(0, 255)).astype(np.uint8)

@@ -66,4 +66,6 @@ def render_radiance(scene: Scene, T_world_cam: ArrayLike) -> NDArray[np.float32]
         radiance = plane_radiance(scene, scene.part, pose)
     else:
         radiance = traced_radiance(scene, scene.part, pose)
+    if scene.falloff is not None:
+        radiance = scene.falloff.shade(radiance)
     return radiance if scene.covering is None else scene.covering.cover(radiance)

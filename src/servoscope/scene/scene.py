@@ -9,6 +9,7 @@ import numpy as np
 from servoscope.errors import InvalidInputError
 from servoscope.poses import rigid_transform
 from servoscope.scene.covering import Covering
+from servoscope.scene.falloff import Falloff
 from servoscope.scene.lens import Lens
 from servoscope.scene.lights import Lighting
 from servoscope.scene.part import CylinderHead
@@ -40,6 +41,8 @@ class Scene:
         Height and width of the images, 16 to 2048, [px].
     covering : Covering, optional
         What hangs before the lens.
+    falloff : Falloff, optional
+        How the light falls off across the view.
     """
 
     part: CylinderHead | TexturedPlane = field(default_factory=CylinderHead)
@@ -48,6 +51,7 @@ class Scene:
     sensor: Sensor = field(default_factory=Sensor)
     image_size: int = 256
     covering: Covering | None = None
+    falloff: Falloff | None = None
 
     def __post_init__(self) -> None:
         low, high = SIZE_LIMITS

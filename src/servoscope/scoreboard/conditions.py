@@ -10,6 +10,7 @@ import numpy as np
 from servoscope.positioning.disturbances import Disturbances
 from servoscope.robots.free_camera import Repeatability
 from servoscope.scene.covering import Covering
+from servoscope.scene.falloff import Falloff
 from servoscope.scene.part import CylinderHead
 from servoscope.scene.scene import Scene
 from servoscope.scene.strengths import amplified, defocused, noisier
@@ -56,6 +57,8 @@ class Condition:
         Share of the view behind a rectangle of one grey.
     light_shift : tuple of 3 floats
         How far the first lamp is moved, [m].
+    falloff : tuple of 2 floats, optional
+        Factors of the light at its brightest and darkest across the view.
     part : callable
         Makes of the scene of training one with another part.
     factor : float
@@ -75,6 +78,7 @@ class Condition:
     noise: float = 0.0
     covering: float = 0.0
     light_shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    falloff: tuple[float, float] | None = None
     part: Callable[[Scene], Scene] = _same_part
     factor: float = 1.0
     robot: str = "free"
@@ -99,6 +103,8 @@ class Condition:
         changed = replace(self.part(scene), sensor=sensor)
         if self.covering:
             changed = replace(changed, covering=Covering(self.covering, seed=number))
+        if self.falloff:
+            changed = replace(changed, falloff=Falloff(*self.falloff, seed=number))
         if any(self.light_shift):
             first, *others = scene.lighting.lamps
             x, y, z = np.add(first.position, self.light_shift).tolist()
@@ -129,8 +135,9 @@ CONDITIONS = {
     "repeatability": Condition(repeatability=Repeatability(5e-5, float(np.radians(0.01)))),
     "arm": Condition(robot="arm"),
     "stale_frames": Condition(late=1),
+    "light_falloff": Condition(falloff=(1.15, 0.7)),
 }
 """Every condition, by name. ``gain`` turns down the sensor; ``noise_10`` adds noise of ten grey
 levels; ``defocus`` blurs by two pixels of 256 more (`servoscope.scene.strengths`);
 ``repeatability`` is 0.05 mm and 0.01 deg a move; the images of ``stale_frames`` are one read
-old."""
+old; ``light_falloff`` multiplies the light by 1.15 on one side of the view and 0.7 on the other."""
