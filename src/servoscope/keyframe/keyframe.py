@@ -182,7 +182,8 @@ class Keyframe:
             turned = state.mount.copy()
             turned[:3, 3] = 0 if start is None else start[:3, 3]
             keyframe = replace(keyframe, inverse_depth=far, mount=turned)
-        return replace(keyframe, model_error=keyframe._find_model_error(images[chosen]))
+        with one_blas_thread():
+            return replace(keyframe, model_error=keyframe._find_model_error(images[chosen]))
 
     def _find_model_error(self, images: NDArray[np.uint8]) -> Array:
         """Robust deviation of what is read of the fitted images, beyond what each explains."""
@@ -234,7 +235,9 @@ class Keyframe:
             If the image is not as large as the reference image, or the start is not rigid.
         """
         check_like(image, self.reference_image)
-        return self._aligner.align(image, None if start is None else rigid_stack("start", start))
+        starts = None if start is None else rigid_stack("start", start)
+        with one_blas_thread():
+            return self._aligner.align(image, starts)
 
     def render(
         self, displacement: ArrayLike, width: int | None = None
