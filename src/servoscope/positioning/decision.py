@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from servoscope.dataset import PoseImageSet
 from servoscope.errors import InvalidInputError
 from servoscope.keyframe import Keyframe
+from servoscope.keyframe.fitting import evenly_spread
 from servoscope.poses import displacements_from_poses
 from servoscope.positioning.calibration import Calibration
 from servoscope.positioning.interfaces import Array
@@ -47,11 +47,11 @@ def compare_methods(
         a quarter of the range, ``far`` and ``near``, median largest error of a dof in shares of
         the range, of images beyond and within `NEAR` of it; None where there are none.
     """
-    read = _evenly(np.argsort(np.abs(held_out.p).max(axis=1), kind="stable"), _MOST_READ)
+    read = evenly_spread(np.argsort(np.abs(held_out.p).max(axis=1), kind="stable"), _MOST_READ)
     images, p = held_out.images[read], held_out.p[read]
     said = np.stack([levels.estimate(image).displacement for image in images])
     found = {"levels": _summary(displacements_from_poses(np.eye(4), said, data.pivot), p, levels)}
-    fitted = _evenly(held_out.kept, _MOST_FITTED)
+    fitted = evenly_spread(held_out.kept, _MOST_FITTED)
     options = calibration.options(is_sequence=data.split == "blocks")
     try:
         keyframe = Keyframe.fit(
@@ -103,7 +103,3 @@ def _summary(delta_p: Array, p: Array, levels: PositioningModel) -> dict[str, An
     parts = {"far": errors[~is_near], "near": errors[is_near]}
     medians = {name: float(np.median(e)) if e.size else None for name, e in parts.items()}
     return {"share_right": float(np.mean(errors <= _RIGHT)), **medians}
-
-
-def _evenly(indices: NDArray[np.intp], n: int) -> NDArray[np.intp]:
-    return indices[np.linspace(0, len(indices) - 1, min(n, len(indices))).round().astype(int)]

@@ -25,7 +25,6 @@ from servoscope.positioning.recognition import (
     least_similarity,
     read_right,
     recogniser,
-    some_images,
 )
 from servoscope.splits import independent_groups
 
@@ -144,7 +143,7 @@ class KeyframeModel:
         right = read_right(errors, reach)
         factor = deviation_factor(errors[right], looks.std[right])
         keyframe = replace(keyframe, model_error=factor * keyframe.model_error)
-        chance = chance_similarity(keyframe, list(some_images(images)), _FARTHEST * reach)
+        chance = chance_similarity(keyframe, images, _FARTHEST * reach)
         accuracy = {
             "error_shares": _by_dof(error_shares(errors, data.delta_p()[shown][held])),
             "median": _by_dof(np.median(errors, axis=0) * DISPLAY_FACTORS),

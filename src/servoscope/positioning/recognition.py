@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.keyframe import Keyframe
+from servoscope.keyframe.fitting import evenly_spread
 from servoscope.keyframe.rendering import JUMP, project
 from servoscope.keyframe.views import View
 from servoscope.keyframe.warping import UNSEEN, sample
@@ -79,15 +80,15 @@ def recogniser(keyframe: Keyframe) -> Callable[[Image, Array], float]:
     return Recognition(keyframe).similarity
 
 
-def chance_similarity(keyframe: Keyframe, images: Sequence[Image], farthest: Array) -> float:
+def chance_similarity(keyframe: Keyframe, images: NDArray[np.uint8], farthest: Array) -> float:
     """The greatest similarity of images that show something else.
 
-    They are the images themselves, turned by 90 and 180 degrees, which is more than any
+    They are a few of the images themselves, evenly spread, turned by 90 and 180 degrees, which is more than any
     displacement within `farthest`; what is read beyond that is refused anyway.
     """
     recognition, (height, width) = Recognition(keyframe), keyframe.reference_image.shape
     found = [0.0]
-    for image in images:
+    for image in images[evenly_spread(np.arange(len(images)), _N_FOREIGN)]:
         for quarters in (1, 2):
             turned = np.ascontiguousarray(np.rot90(image, quarters))
             if turned.shape != (height, width):
@@ -119,12 +120,6 @@ def least_similarity(own: Array, chance: float) -> float:
         return LEAST_SIMILARITY
     usual = float(np.quantile(own, _WORST))
     return round(min(usual, (max(chance, _LEAST_CHANCE) + usual) / 2), 4)
-
-
-def some_images(images: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A few of the images, evenly spread."""
-    n = min(_N_FOREIGN, len(images))
-    return images[np.linspace(0, len(images) - 1, n).round().astype(int)]
 
 
 def read_right(errors: Array, reach: Array) -> NDArray[np.bool_]:
