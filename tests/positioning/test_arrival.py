@@ -5,7 +5,7 @@ import pytest
 
 from planar import PIVOT, RANGES
 from servoscope.poses import poses_from_displacements, rigid_transform
-from servoscope.positioning.arrival import is_noise_only, is_within_tolerance
+from servoscope.positioning.arrival import is_noise_only, is_within_tolerance, unread
 from servoscope.positioning.interfaces import Estimate
 from servoscope.positioning.settings import LoopSettings
 
@@ -58,3 +58,12 @@ def test_the_scatter_of_the_robot_is_noise_too() -> None:
     for share, noise in ((1.9, True), (2.1, False)):
         estimate = _estimate(share * expected, 1e-9)
         assert is_noise_only([estimate] * 2, PIVOT, LoopSettings(**scatter)) == noise
+
+
+def test_dofs_that_are_no_better_known_than_the_range_are_not_read() -> None:
+    reach = np.array([0.04] * 3 + [0.4] * 3)
+    known = [1e-3, 0.3, 1e-3, 0.01, 0.01, 0.5]
+    assert unread(_estimate(np.zeros(6), known), reach) == ["ty", "rz"]
+    assert unread(_estimate(np.zeros(6), np.nan), reach) == []
+    still = np.full(6, 1e-6)  # a dof that never moves has no range to speak of
+    assert unread(_estimate(np.zeros(6), 1e-4), still) == []

@@ -13,7 +13,7 @@ from servoscope.errors import DataSetError, ModelError
 from servoscope.poses import displacements_from_poses, pose_error
 from servoscope.positioning import KeyframeModel, Positioner, PositioningModel, train
 from servoscope.positioning.disturbances import Disturbances
-from servoscope.positioning.keyframe_model import error_shares
+from servoscope.positioning.keyframe_model import NOT_SEEN, error_shares
 from servoscope.positioning.model_folder import read_model, write_model
 
 N_IMAGES = 30
@@ -139,6 +139,25 @@ def test_a_saved_model_reads_the_same(model, tmp_path) -> None:
     write_model(tmp_path / "model", header, arrays, force=True)
     with pytest.raises(ModelError):
         PositioningModel.load(tmp_path / "model")
+
+
+@pytest.mark.slow
+def test_a_view_that_informs_rotations_alone_ends_limited_and_not_converged(model) -> None:
+    far = np.full_like(model.keyframe.inverse_depth, 1e-6)
+    blind = replace(model, keyframe=replace(model.keyframe, inverse_depth=far), first_guess=None)
+    for p in 0.2 * draw(3, 9):
+        cell = FlangeCell(p, noise=1.0)
+        result = Positioner(blind).run(cell, cell)
+        assert result.status != "converged", result.message
+
+
+@pytest.mark.slow
+def test_pixels_that_no_image_held_out_shows_are_saved_as_not_seen(model, tmp_path) -> None:
+    unseen = np.full_like(model.residual, NOT_SEEN)
+    replace(model, residual=unseen).save(tmp_path / "model")
+    loaded = PositioningModel.load(tmp_path / "model")
+    np.testing.assert_array_equal(loaded.residual, unseen)
+    assert (model.residual[model.residual != NOT_SEEN] >= 0).all()
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from planar import PIVOT, RANGES, planar_images
+from servoscope.errors import ServoscopeWarning
 from servoscope.keyframe import CameraModel, Keyframe
 from servoscope.poses import displacements_from_poses, poses_from_displacements
 from servoscope.positioning import KeyframeModel
@@ -80,12 +81,17 @@ def test_what_chance_reaches_is_found_from_turned_images() -> None:
     [
         (np.full(20, 0.98), 0.2, 0.74),
         (np.full(20, 0.98), 0.7, 0.84),
-        (np.full(20, 0.60), 0.9, 0.60),
         (np.empty(0), 0.2, LEAST_SIMILARITY),
     ],
 )
 def test_the_limit_is_between_chance_and_images_held_out(own, chance, limit) -> None:
     assert least_similarity(own, chance) == pytest.approx(limit)
+
+
+@pytest.mark.parametrize(("own", "limit"), [(0.6, LEAST_SIMILARITY), (0.88, 0.88)])
+def test_where_chance_reaches_as_much_the_limit_is_not_lowered_and_a_warning_is_given(own, limit):
+    with pytest.warns(ServoscopeWarning, match="something else"):
+        assert least_similarity(np.full(20, own), 0.9) == pytest.approx(limit)
 
 
 def test_a_model_states_its_own_limit() -> None:

@@ -51,7 +51,8 @@ class HeldOutLooks:
     @property
     def residual_over_noise(self) -> float:
         """Median residual of an image, in multiples of the noise."""
-        return float(np.median(self.residual)) / self.noise
+        seen = self.residual[np.isfinite(self.residual)]
+        return float(np.median(seen)) / self.noise if len(seen) else 0.0
 
 
 def held_out_looks(

@@ -18,7 +18,7 @@ from servoscope.poses import (
 from servoscope.positioning.interfaces import Array, Estimate
 from servoscope.positioning.reference_view import Comparison
 from servoscope.positioning.result import Step
-from servoscope.positioning.settings import NEAR_ENOUGH, LoopSettings
+from servoscope.positioning.settings import LEAST_BOX, NEAR_ENOUGH, LoopSettings
 
 _EQUAL_CELLS, _EQUAL_SHIFT, _EQUAL_SIGNIFICANCE = 0.9, 2e-3, 2.0
 _EQUAL_DIFFERENCE, _EQUAL_STRUCTURE = 0.2, 1.5
@@ -189,6 +189,12 @@ def is_at_hand(displacement: Array, settings: LoopSettings) -> bool:
 def is_displaced(comparison: Comparison) -> bool:
     """Whether an image is displaced from another for certain, by a noticeable part of a pixel."""
     return comparison.shift > _EQUAL_SHIFT / 4 and comparison.significance > 2 * _EQUAL_SIGNIFICANCE
+
+
+def unread(estimate: Estimate, reach: Array) -> list[str]:
+    """Dofs that are no better known than anywhere within the reach, and 5 mm or 1 degree."""
+    guess = np.maximum(reach / np.sqrt(3), LEAST_BOX)
+    return [dof for dof, std, most in zip(DOFS, estimate.std, guess, strict=True) if std >= most]
 
 
 def is_back(steps: Sequence[Step]) -> bool:

@@ -21,7 +21,7 @@ NEAR = 0.3
 """Displacements up to this share of the range are near the reference."""
 
 _RIGHT = 0.25
-_CLEARLY_MORE = 0.05
+_CLEARLY_MORE, _LEAST_NEAR = 0.05, 5
 _MOST_FITTED, _MOST_READ = 40, 60
 
 
@@ -93,7 +93,7 @@ def _is_better(keyframe: dict[str, Any], levels: dict[str, Any]) -> bool:
     more = keyframe["share_right"] - levels["share_right"]
     if abs(more) > _CLEARLY_MORE:
         return bool(more > 0)
-    where = "far" if None in (keyframe["near"], levels["near"]) else "near"
+    where = "near" if min(keyframe["n_near"], levels["n_near"]) >= _LEAST_NEAR else "far"
     return bool(keyframe[where] < levels[where])
 
 
@@ -102,4 +102,5 @@ def _summary(delta_p: Array, p: Array, levels: PositioningModel) -> dict[str, An
     is_near = np.abs(p).max(axis=1) <= NEAR
     parts = {"far": errors[~is_near], "near": errors[is_near]}
     medians = {name: float(np.median(e)) if e.size else None for name, e in parts.items()}
-    return {"share_right": float(np.mean(errors <= _RIGHT)), **medians}
+    counts = {"n_near": int(is_near.sum())}
+    return {"share_right": float(np.mean(errors <= _RIGHT)), **medians, **counts}

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.features.shrinking import shrink
 from servoscope.kernels.gaussian import squared_distances
 from servoscope.keyframe import Keyframe
 from servoscope.keyframe.rendering import continued
@@ -38,7 +38,7 @@ WINDOWS = (
 """Parts of the view, top, bottom, left and right as shares of it: what covers one of them leaves
 another free."""
 
-_SIZE, _RENDERED_WIDTH = 32, 64
+_SIZE = 32
 _N_COMPONENTS, _RIDGE, _N_SCALE = 100, 0.01, 300
 _JITTER = 0.5
 
@@ -141,22 +141,23 @@ class FirstGuess:
         drawn = np.sqrt(rng.random((n_rendered, 1))) * real[near]
         drawn += _JITTER * reach * rng.uniform(-1, 1, drawn.shape)
         drawn = drawn.clip(-reach, reach)
-        height, width = images.shape[1:]
-        width = min(width, round(_RENDERED_WIDTH * min(1.0, width / height)))
+        shape = _small_shape(images.shape[1:])
+        width = min(images.shape[2], 2 * shape[1])
         seen = poses_from_displacements(np.eye(4), drawn, keyframe.pivot)
         rendered = [continued(*keyframe.render(D, width)) for D in seen]
-        small = [shrink(image, max(rendered[0].shape)).astype(np.uint8) for image in images]
+        size = rendered[0].shape[::-1]
+        small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in images]
         disturbances = Disturbances()
         shown = [disturbances.disturb(image, rng) for image in rendered + small * N_COPIES]
         shares = np.concatenate([drawn, np.tile(real, (N_COPIES, 1))]) / reach
-        parts = zip(*map(_parts, shown), strict=True)
+        parts = zip(*(_parts(image, shape) for image in shown), strict=True)
         with one_blas_thread():
             windows = tuple(Window.fit(np.stack(part), shares) for part in parts)
         return cls(windows, np.asarray(reach), keyframe.pivot)
 
     def __call__(self, image: Image) -> Array:
         """Displacements, (n_windows, 4, 4), [m], of an image of any size."""
-        parts = zip(self.windows, _parts(image), strict=True)
+        parts = zip(self.windows, _parts(image, _small_shape(image.shape)), strict=True)
         shares = np.stack([window.predict(pixels) for window, pixels in parts])
         return poses_from_displacements(np.eye(4), shares.clip(-1.2, 1.2) * self.reach, self.pivot)
 
@@ -170,35 +171,58 @@ class FirstGuess:
 
     @classmethod
     def from_arrays(
-        cls, arrays: Mapping[str, NDArray[Any]], reach: Array, pivot: float
+        cls,
+        arrays: Mapping[str, NDArray[Any]],
+        image_shape: tuple[int, ...],
+        reach: Array,
+        pivot: float,
     ) -> FirstGuess:
-        """What `to_arrays` made them of.
+        """What `to_arrays` made them of, for images of a shape.
 
         Raises
         ------
         KeyError, ValueError
-            If they are not arrays of first guesses.
+            If they are not arrays of first guesses for such images.
         """
         windows = []
-        for k in range(len(WINDOWS)):
+        for k, part in enumerate(_bounds(_small_shape(image_shape))):
             names = ("mean", "components", "samples", "weights")
             window = Window(*(np.asarray(arrays[f"{k}/{name}"], np.float32) for name in names))
-            n_pixels, n_components = window.components.shape
-            n_samples = len(window.samples)
-            shapes = (n_pixels,), (n_samples, n_components), (n_samples, 6)
-            if (window.mean.shape, window.samples.shape, window.weights.shape) != shapes:
-                raise ValueError(f"the arrays of window {k} do not agree")
+            height, width = (side.stop - side.start for side in part)
+            n_samples, n_components = window.samples.shape
+            expected = {
+                "mean": (height * width,),
+                "components": (height * width, n_components),
+                "samples": (n_samples, n_components),
+                "weights": (n_samples, 6),
+            }
+            if any(getattr(window, name).shape != shape for name, shape in expected.items()):
+                raise ValueError(f"the arrays of window {k} do not agree with each other")
             windows.append(window)
         return cls(tuple(windows), reach, pivot)
 
 
-def _parts(image: Image) -> list[Floats]:
-    """Pixels of each window of an image that is made small and even."""
-    small: Floats = evened(shrink(image, _SIZE)) / np.float32(30)
-    height, width = small.shape
+def _small_shape(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Height and width of the images that are compared, given those of full ones."""
+    scale = min(1.0, _SIZE / max(shape))
+    height, width = (max(1, round(scale * side)) for side in shape)
+    return height, width
+
+
+def _bounds(shape: tuple[int, int]) -> list[tuple[slice, slice]]:
+    """Rows and columns of each window."""
+    height, width = shape
     return [
-        small[
-            round(top * height) : round(bottom * height), round(left * width) : round(right * width)
-        ].ravel()
+        (
+            slice(round(top * height), max(round(bottom * height), 1)),
+            slice(round(left * width), max(round(right * width), 1)),
+        )
         for top, bottom, left, right in WINDOWS
     ]
+
+
+def _parts(image: Image, shape: tuple[int, int]) -> list[Floats]:
+    """Pixels of each window of an image that is made small and even."""
+    grey = cv2.resize(image.astype(np.float32), shape[::-1], interpolation=cv2.INTER_AREA)
+    small: Floats = evened(np.asarray(grey, np.float32)) / np.float32(30)
+    return [small[part].ravel() for part in _bounds(shape)]

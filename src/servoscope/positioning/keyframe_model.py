@@ -34,6 +34,9 @@ KIND = "keyframe"
 RESIDUAL = "held_out_residual"
 """The array of a model folder that holds the residuals of images held out, by pixel."""
 
+NOT_SEEN = -1.0
+"""The residual of a pixel that no image held out shows."""
+
 LEAST_IMAGES = 15
 """Images that a model needs, so that some can be held out."""
 
@@ -61,7 +64,8 @@ class KeyframeModel:
     accuracy : dict
         What was found on images that were held out, as plain JSON values.
     residual : ndarray of shape (rows, columns), float32, optional
-        Residuals of images held out, by pixel of the reference image, in multiples of the noise.
+        Residuals of images held out, by pixel of the reference image, in multiples of the noise;
+        negative where none shows it.
     first_guess : FirstGuess, optional
         Where the search begins.
     """
@@ -128,7 +132,7 @@ class KeyframeModel:
         options = (calibration or Calibration()).options(is_sequence=data.split == "blocks")
         options["pivot"] = data.pivot
         try:
-            groups = independent_groups(data, _N_GROUPS).labels[shown]
+            groups = independent_groups(_of(data, shown), _N_GROUPS).labels
             held = groups >= 0
             looks = held_out_looks(
                 images[held], poses[held], *reference, groups[held],
@@ -161,8 +165,10 @@ class KeyframeModel:
         displacements = inverse_transform(data.T_world_ref) @ poses
         first_guess = FirstGuess.train(keyframe, reach, images, displacements)
         tell(3)
-        residual = np.asarray(looks.residual_map / looks.noise, np.float32)
-        return cls(keyframe, reach, dict(data.source), accuracy, residual, first_guess)
+        residual = np.nan_to_num(looks.residual_map / looks.noise, nan=NOT_SEEN)
+        return cls(
+            keyframe, reach, dict(data.source), accuracy, residual.astype(np.float32), first_guess
+        )
 
     def estimate(self, image: Image, previous: Estimate | None = None) -> Estimate:
         """Where an image was taken.
@@ -252,11 +258,25 @@ class KeyframeModel:
         if not 0 <= float(header["accuracy"].get("least_similarity", 0)) <= 1:
             raise ValueError("its least similarity is not between 0 and 1")
         guess = parts["first_guess"]
-        first_guess = FirstGuess.from_arrays(guess, reach, keyframe.pivot) if guess else None
+        first_guess = None
+        if guess:
+            shape = keyframe.reference_image.shape
+            first_guess = FirstGuess.from_arrays(guess, shape, reach, keyframe.pivot)
         return cls(
             keyframe, reach, dict(header["trained_on"]), dict(header["accuracy"]),
             arrays.get(RESIDUAL), first_guess,
         )  # fmt: skip
+
+
+def _of(data: PoseImageSet, indices: NDArray[np.intp]) -> PoseImageSet:
+    """Some images of a set."""
+    return replace(
+        data,
+        images=data.images[indices],
+        T_world_cam=data.T_world_cam[indices],
+        names=[data.names[int(i)] for i in indices],
+        times=None if data.times is None else data.times[indices],
+    )
 
 
 def parts_of(arrays: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, NDArray[Any]]]:
@@ -266,6 +286,8 @@ def parts_of(arrays: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, NDArray[
         part, _, own = name.partition("/")
         if part in parts:
             parts[part][own] = array
+        elif not own:  # as models were written before they held first guesses
+            parts["keyframe"][name] = array
     return parts
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.errors import ServoscopeWarning
 from servoscope.keyframe import Keyframe
 from servoscope.keyframe.fitting import evenly_spread
 from servoscope.keyframe.rendering import JUMP, project
@@ -83,8 +85,8 @@ def recogniser(keyframe: Keyframe) -> Callable[[Image, Array], float]:
 def chance_similarity(keyframe: Keyframe, images: NDArray[np.uint8], farthest: Array) -> float:
     """The greatest similarity of images that show something else.
 
-    They are a few of the images themselves, evenly spread, turned by 90 and 180 degrees, which is more than any
-    displacement within `farthest`; what is read beyond that is refused anyway.
+    They are a few of the images themselves, evenly spread, turned by 90 and 180 degrees, which is
+    more than any displacement within `farthest`; what is read beyond that is refused anyway.
     """
     recognition, (height, width) = Recognition(keyframe), keyframe.reference_image.shape
     found = [0.0]
@@ -102,7 +104,9 @@ def chance_similarity(keyframe: Keyframe, images: NDArray[np.uint8], farthest: A
 def least_similarity(own: Array, chance: float) -> float:
     """The least similarity at which an image is taken for one of the part.
 
-    Half way between what chance reaches and what nearly all images held out reach.
+    Half way between what chance reaches and what nearly all images held out reach. Where chance
+    reaches as much, images of something else may be taken for the part: no limit below
+    `LEAST_SIMILARITY` is given then, and a warning.
 
     Parameters
     ----------
@@ -119,6 +123,15 @@ def least_similarity(own: Array, chance: float) -> float:
     if not len(own):
         return LEAST_SIMILARITY
     usual = float(np.quantile(own, _WORST))
+    if usual <= chance:
+        warnings.warn(
+            "Images of something else may be taken for this part: turned by 90 or 180 degrees, its "
+            f"own are as similar to what is expected ({chance:.2f}) as images held out "
+            f"({usual:.2f}).",
+            ServoscopeWarning,
+            stacklevel=2,
+        )
+        return round(max(usual, LEAST_SIMILARITY), 4)
     return round(min(usual, (max(chance, _LEAST_CHANCE) + usual) / 2), 4)
 
 

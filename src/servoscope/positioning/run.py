@@ -319,6 +319,11 @@ class Run:
         caution = arrival.caution(self.steps[-1])
         if arrival.is_otherwise(self.steps[-1]):
             return RunEnded("limited", f"As near as the view allows {self._there()}{caution}")
+        if unread := arrival.unread(estimate, self.estimator.reach):
+            lacking = f" The view does not inform {', '.join(unread)}."
+            return RunEnded(
+                "limited", f"As near as the view allows {self._there()}{lacking}{caution}"
+            )
         if is_there:
             return RunEnded("converged", f"Converged {self._there()}{caution}")
         reached = arrival.Reached.of_displacement(estimate.displacement, pivot)

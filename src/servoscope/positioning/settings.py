@@ -20,7 +20,8 @@ NEAR_ENOUGH = {"mm": 0.05, "deg": 0.005}
 ORDINARY_MISS = {"mm": 0.5, "deg": 0.1}
 """Farther from where it is sent than this no robot comes to rest that is in order."""
 
-_LEAST_BOX = np.array([5e-3] * 3 + [np.radians(1.0)] * 3)
+LEAST_BOX = np.array([5e-3] * 3 + [np.radians(1.0)] * 3)
+"""The least that a workspace measures from its middle, by dof, [m] and [rad]."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +172,7 @@ class LoopSettings:
 
     def step_limits(self, reach: Array, pivot: float) -> tuple[float, float]:
         """The longest step, [m] and [rad], for an estimator of the given reach."""
-        ranges = np.maximum(displacement_ranges(reach, pivot, "camera"), _LEAST_BOX)
+        ranges = np.maximum(displacement_ranges(reach, pivot, "camera"), LEAST_BOX)
         mm, deg = self.max_step_mm, self.max_step_deg
         return (
             float(np.linalg.norm(ranges[:3])) if mm is None else mm / 1e3,
@@ -181,7 +182,7 @@ class LoopSettings:
     def workspace(self, reach: Array, pivot: float) -> Array:
         """Half-widths of the box around the start, camera form, shape (6,), [m] and [rad]."""
         ranges = displacement_ranges(reach, pivot, "camera")
-        return np.maximum(self.workspace_margin * ranges, _LEAST_BOX)
+        return np.maximum(self.workspace_margin * ranges, LEAST_BOX)
 
 
 def _about_pivot(mm: float, deg: float, pivot: float) -> Array:

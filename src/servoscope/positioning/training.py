@@ -152,9 +152,9 @@ def _levels(
     groups = independent_groups(data, _N_GROUPS).labels if is_sequence else None
     levels, held_out = learn_levels(data.images, p, data.reference_image, rng, groups=groups)
     tell(1)
-    outer = np.abs(p).max(axis=1) > _OUTER
-    if groups is not None:
-        outer &= groups > 0
+    is_kept = np.zeros(len(p), dtype=bool)
+    is_kept[held_out.kept] = True
+    outer = is_kept & (np.abs(p).max(axis=1) > _OUTER)
     networks = PoseNetworks.train(
         data.images[outer],
         delta_p[outer],

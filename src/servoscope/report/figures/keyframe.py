@@ -146,6 +146,7 @@ def _draw_view(figure: Any, keyframe: Keyframe, residual: Array | None) -> None:
         ax=axes[2],
     )  # fmt: skip
     if residual is not None:
+        residual = np.where(residual < 0, np.nan, residual)
         seen = residual[np.isfinite(residual)]
         top = float(np.quantile(seen, 0.99)) if seen.size else 1.0
         plot_map(
