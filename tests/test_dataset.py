@@ -10,7 +10,7 @@ from PIL import Image
 
 from servoscope import dataset_folder
 from servoscope.dataset import PoseImageSet
-from servoscope.dataset_progress import Progress, write_progress
+from servoscope.dataset_progress import KEPT_IMAGES, Progress, write_progress
 from servoscope.errors import DataSetError, FolderExistsError, ServoscopeError
 from servoscope.poses import displacement_ranges, pose_error, poses_from_displacements
 
@@ -182,6 +182,26 @@ def test_a_set_is_never_written_over_another(folder):
     with pytest.raises(FolderExistsError, match="holds a data set already"):
         make(3).save(folder)
     assert len(PoseImageSet.load(folder)) == 60
+
+
+@pytest.mark.parametrize("name", ["taken", "kept", "images"])
+def test_saving_a_set_leaves_the_folders_of_others(tmp_path, name):
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "holiday.jpg").write_text("mine")
+    make(3).save(tmp_path)
+    assert (tmp_path / name / "holiday.jpg").read_text() == "mine"
+
+
+@pytest.mark.parametrize("part", ["poses.zarr", KEPT_IMAGES])
+def test_a_folder_of_somebody_else_that_bears_the_name_of_a_part_is_left_alone(tmp_path, part):
+    (tmp_path / "new" / part).mkdir(parents=True)
+    with pytest.raises(FolderExistsError, match=f"{part} that is no part of a data set"):
+        make(3).save(tmp_path / "new")
+    make(3).save(tmp_path / "set")
+    (tmp_path / "set" / part).mkdir()
+    dataset_folder.remove(tmp_path / "set")
+    for folder in ("new", "set"):
+        assert [path.name for path in (tmp_path / folder).iterdir()] == [part]
 
 
 def test_removing_a_set_leaves_other_files(folder):
