@@ -463,6 +463,21 @@ def test_one_outlier_is_not_the_range(n) -> None:
     np.testing.assert_allclose(found, others, rtol=1e-6)
 
 
+def test_images_displaced_far_along_one_axis_each_are_no_outliers() -> None:
+    """One in each dof of 20 is as many as 30 %."""
+    delta_p = 0.4 * np.random.default_rng(0).uniform(-1, 1, (20, 6)) * RANGES
+    delta_p[:6] = np.diag(RANGES)
+    np.testing.assert_allclose(_at(delta_p).ranges(), RANGES, rtol=1e-6)
+    delta_p[1:6] = 0
+    others = np.abs(delta_p[6:]).max(axis=0)
+    np.testing.assert_allclose(_at(delta_p).ranges(), others, rtol=1e-6)
+
+
+def test_the_range_of_one_image_is_its_displacement() -> None:
+    delta_p = np.array([[0.01, 0, -0.02, 0, 0, 0.1]])
+    np.testing.assert_allclose(_at(delta_p).ranges(), [0.01, 1, 0.02, 1, 1, 0.1], atol=1e-12)
+
+
 @pytest.mark.parametrize("spread", ["uniform", "normal", "few far ones"])
 def test_without_outliers_the_range_is_the_largest_displacement(spread) -> None:
     rng = np.random.default_rng(0)

@@ -9,7 +9,7 @@ from planar import PIVOT, RANGES, planar_images
 from planar_cell import SIZE, T_WORLD_REF, Cell
 from planar_model import T_FLANGE_CAM, FlangeCell
 from servoscope.dataset import PoseImageSet
-from servoscope.errors import DataSetError, ModelError
+from servoscope.errors import DataSetError, ModelError, ServoscopeWarning
 from servoscope.poses import displacements_from_poses, pose_error
 from servoscope.positioning import KeyframeModel, Positioner, PositioningModel, train
 from servoscope.positioning.disturbances import Disturbances
@@ -38,7 +38,8 @@ def data() -> PoseImageSet:
 
 @pytest.fixture(scope="module")
 def model(data) -> KeyframeModel:
-    return train(data)
+    with pytest.warns(ServoscopeWarning, match=rf"^1 of {N_IMAGES + 1} images are not trained on"):
+        return train(data)
 
 
 @pytest.mark.slow
