@@ -114,9 +114,14 @@ class RecordedRobot:
         -------
         ndarray of shape (4, 4)
             The displacement to the frame that it went to, [m].
+
+        Raises
+        ------
+        InvalidInputError
+            If it is no rigid transform.
         """
         before = self.pose
-        self.move_to(before @ as_numbers(displacement, "displacement"))
+        self.move_to(before @ _rigid(displacement, "displacement"))
         return inverse_transform(before) @ self.pose
 
     def move_to(self, T_world_cam: ArrayLike) -> None:
@@ -127,12 +132,7 @@ class RecordedRobot:
         InvalidInputError
             If it is no rigid transform.
         """
-        target = as_numbers(T_world_cam, "T_world_cam")
-        if target.shape != (4, 4) or not np.isfinite(target).all() or not is_rigid(target):
-            raise InvalidInputError(
-                "A recorded robot can only be sent to a rigid transform (4, 4)."
-            )
-        away = self._away(target)
+        away = self._away(_rigid(T_world_cam, "T_world_cam"))
         self.frame = int(np.argmin(np.where(self._is_frame, away, np.inf)))
 
     def stop(self) -> None:
@@ -163,3 +163,10 @@ class RecordedRobot:
     def _away(self, T_world_cam: Array) -> Array:
         distance, angle = pose_error(T_world_cam, self._poses)
         return np.asarray(np.hypot(1e3 * distance, self._mm_per_deg * np.degrees(angle)))
+
+
+def _rigid(values: ArrayLike, name: str) -> Array:
+    T = as_numbers(values, name)
+    if T.shape != (4, 4) or not np.isfinite(T).all() or not is_rigid(T):
+        raise InvalidInputError(f"{name} must be a rigid transform (4, 4), got shape {T.shape}.")
+    return T
