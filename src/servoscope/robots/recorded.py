@@ -7,10 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from servoscope.arrays import as_numbers
 from servoscope.dataset import PoseImageSet
 from servoscope.errors import InvalidInputError
-from servoscope.poses import inverse_transform, is_rigid, pose_error
+from servoscope.poses import as_rigid, inverse_transform, pose_error
 
 Array = NDArray[np.float64]
 
@@ -121,7 +120,7 @@ class RecordedRobot:
             If it is no rigid transform.
         """
         before = self.pose
-        self.move_to(before @ _rigid(displacement, "displacement"))
+        self.move_to(before @ as_rigid(displacement, "displacement"))
         return inverse_transform(before) @ self.pose
 
     def move_to(self, T_world_cam: ArrayLike) -> None:
@@ -132,7 +131,7 @@ class RecordedRobot:
         InvalidInputError
             If it is no rigid transform.
         """
-        away = self._away(_rigid(T_world_cam, "T_world_cam"))
+        away = self._away(as_rigid(T_world_cam, "T_world_cam"))
         self.frame = int(np.argmin(np.where(self._is_frame, away, np.inf)))
 
     def stop(self) -> None:
@@ -163,10 +162,3 @@ class RecordedRobot:
     def _away(self, T_world_cam: Array) -> Array:
         distance, angle = pose_error(T_world_cam, self._poses)
         return np.asarray(np.hypot(1e3 * distance, self._mm_per_deg * np.degrees(angle)))
-
-
-def _rigid(values: ArrayLike, name: str) -> Array:
-    T = as_numbers(values, name)
-    if T.shape != (4, 4) or not np.isfinite(T).all() or not is_rigid(T):
-        raise InvalidInputError(f"{name} must be a rigid transform (4, 4), got shape {T.shape}.")
-    return T
