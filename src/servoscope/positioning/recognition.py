@@ -83,8 +83,8 @@ def recogniser(keyframe: Keyframe) -> Callable[[Image, Array], float]:
 def chance_similarity(keyframe: Keyframe, images: NDArray[np.uint8], farthest: Array) -> float:
     """The greatest similarity of images that show something else.
 
-    They are a few of the images themselves, evenly spread, turned by 90 and 180 degrees, which is more than any
-    displacement within `farthest`; what is read beyond that is refused anyway.
+    They are a few of the images themselves, evenly spread, turned by 90 and 180 degrees, which is
+    more than any displacement within `farthest`; what is read beyond that is refused anyway.
     """
     recognition, (height, width) = Recognition(keyframe), keyframe.reference_image.shape
     found = [0.0]
