@@ -145,7 +145,10 @@ def test_a_saved_model_reads_the_same(model, tmp_path) -> None:
 @pytest.mark.slow
 def test_images_of_other_poses_are_refused(data) -> None:
     shuffled = np.random.default_rng(0).permutation(len(data))
-    with pytest.raises(DataSetError, match="no robot may be moved"):
+    with (
+        pytest.warns(ServoscopeWarning, match="not trained on"),
+        pytest.raises(DataSetError, match="no robot may be moved"),
+    ):
         train(replace(data, images=data.images[shuffled]))
 
 
