@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from layered_world import MOUNT, photographs
-from servoscope import AcquisitionConfig
+from servoscope import AcquisitionConfig, acquire
 from servoscope.acquisition_until import (
     FIRST,
     NEXT,
@@ -17,6 +17,7 @@ from servoscope.acquisition_until import (
 )
 from servoscope.cli import main
 from servoscope.dataset import PoseImageSet
+from servoscope.dataset_progress import KEPT_IMAGES, Progress, keep_image, write_progress
 from servoscope.errors import FolderExistsError, InvalidInputError
 from servoscope.keyframe import Keyframe, next_displacements
 from servoscope.poses import (
@@ -202,7 +203,7 @@ def test_a_kill_at_any_image_loses_none_and_ends_with_the_same(tmp_path: Path, c
     np.testing.assert_array_equal(again.T_world_cam, whole.T_world_cam)
     assert again.source == whole.source
     assert {path.name for path in (tmp_path / "out").iterdir()} >= {"meta.json", "poses.csv"}
-    assert not (tmp_path / "out" / "taken").exists()
+    assert not (tmp_path / "out" / KEPT_IMAGES).exists()
     assert not (tmp_path / "out" / "acquisition.json").exists()
     with pytest.raises(FolderExistsError):
         acquire_until(tmp_path / "out", SMALL, HARD, n_jobs=1)
@@ -213,6 +214,21 @@ def test_a_kill_at_any_image_loses_none_and_ends_with_the_same(tmp_path: Path, c
     assert facts["images"] == FIRST
     assert facts["forecast"]["met"] is True
     assert isinstance(PoseImageSet.load(tmp_path / "out"), PoseImageSet)
+
+
+def test_what_is_replaced_leaves_no_images_that_an_unfinished_acquisition_kept(tmp_path):
+    write_progress(tmp_path, Progress({"until": "other"}, 1))
+    keep_image(tmp_path, 0, np.zeros((48, 48), np.uint8), np.eye(4), 0)
+    config = AcquisitionConfig(n_images=2, image_size=48)
+    assert len(acquire(tmp_path, config, n_jobs=1, force=True)) == 2
+    assert not (tmp_path / KEPT_IMAGES).exists()
+
+
+def test_images_that_no_acquisition_kept_are_not_adopted(tmp_path):
+    keep_image(tmp_path, 0, np.zeros((48, 48), np.uint8), np.eye(4), 0)
+    with pytest.raises(FolderExistsError, match=f"{KEPT_IMAGES} that is no part of a data set"):
+        acquire_until(tmp_path, SMALL, EASY, n_jobs=1)
+    assert [path.name for path in (tmp_path / KEPT_IMAGES).iterdir()] == ["000000.npz"]
 
 
 def test_until_takes_no_schedule_and_no_fewer_images_than_a_first_look(tmp_path, capsys):

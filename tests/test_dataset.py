@@ -10,7 +10,7 @@ from PIL import Image
 
 from servoscope import dataset_folder
 from servoscope.dataset import PoseImageSet
-from servoscope.dataset_progress import Progress, write_progress
+from servoscope.dataset_progress import KEPT_IMAGES, Progress, write_progress
 from servoscope.errors import DataSetError, FolderExistsError, ServoscopeError
 from servoscope.poses import displacement_ranges, pose_error, poses_from_displacements
 
@@ -182,6 +182,26 @@ def test_a_set_is_never_written_over_another(folder):
     with pytest.raises(FolderExistsError, match="holds a data set already"):
         make(3).save(folder)
     assert len(PoseImageSet.load(folder)) == 60
+
+
+@pytest.mark.parametrize("name", ["taken", "kept", "images"])
+def test_saving_a_set_leaves_the_folders_of_others(tmp_path, name):
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "holiday.jpg").write_text("mine")
+    make(3).save(tmp_path)
+    assert (tmp_path / name / "holiday.jpg").read_text() == "mine"
+
+
+@pytest.mark.parametrize("part", ["poses.zarr", KEPT_IMAGES])
+def test_a_folder_of_somebody_else_that_bears_the_name_of_a_part_is_left_alone(tmp_path, part):
+    (tmp_path / "new" / part).mkdir(parents=True)
+    with pytest.raises(FolderExistsError, match=f"{part} that is no part of a data set"):
+        make(3).save(tmp_path / "new")
+    make(3).save(tmp_path / "set")
+    (tmp_path / "set" / part).mkdir()
+    dataset_folder.remove(tmp_path / "set")
+    for folder in ("new", "set"):
+        assert [path.name for path in (tmp_path / folder).iterdir()] == [part]
 
 
 def test_removing_a_set_leaves_other_files(folder):
@@ -441,6 +461,21 @@ def test_one_outlier_is_not_the_range(n) -> None:
     found = _at(delta_p).ranges()
     others = np.abs(np.delete(delta_p, n // 2, axis=0)).max(axis=0)
     np.testing.assert_allclose(found, others, rtol=1e-6)
+
+
+def test_images_displaced_far_along_one_axis_each_are_no_outliers() -> None:
+    """One in each dof of 20 is as many as 30 %."""
+    delta_p = 0.4 * np.random.default_rng(0).uniform(-1, 1, (20, 6)) * RANGES
+    delta_p[:6] = np.diag(RANGES)
+    np.testing.assert_allclose(_at(delta_p).ranges(), RANGES, rtol=1e-6)
+    delta_p[1:6] = 0
+    others = np.abs(delta_p[6:]).max(axis=0)
+    np.testing.assert_allclose(_at(delta_p).ranges(), others, rtol=1e-6)
+
+
+def test_the_range_of_one_image_is_its_displacement() -> None:
+    delta_p = np.array([[0.01, 0, -0.02, 0, 0, 0.1]])
+    np.testing.assert_allclose(_at(delta_p).ranges(), [0.01, 1, 0.02, 1, 1, 0.1], atol=1e-12)
 
 
 @pytest.mark.parametrize("spread", ["uniform", "normal", "few far ones"])

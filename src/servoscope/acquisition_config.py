@@ -19,6 +19,9 @@ from servoscope.schedule import Ring, Schedule, check_schedule, format_schedule
 
 Array = NDArray[np.float64]
 
+MOST_MM, MOST_DEG = 200.0, 60.0
+"""Largest displacements along and about an axis."""
+
 _POSES, _CAMERA, _REFERENCE, _REPLACEMENTS = range(4)
 """What random numbers are drawn for: each has streams of its own."""
 
@@ -102,8 +105,8 @@ class AcquisitionConfig:
                 )
         factor = max(ring.factor for ring in self.rings())
         for name, limit, share in (
-            ("translation_mm", 200.0, factor),
-            ("rotation_deg", 60.0, factor),
+            ("translation_mm", MOST_MM, factor),
+            ("rotation_deg", MOST_DEG, factor),
             ("pivot_mm", 5000.0, 1.0),
             ("repeatability_mm", 10.0, 1.0),
             ("repeatability_deg", 10.0, 1.0),

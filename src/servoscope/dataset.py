@@ -117,8 +117,8 @@ class PoseImageSet:
         """Half-width of each dof's displacements, by which targets are scaled to [-1, 1].
 
         The sampled ranges where they are known, else the largest displacement in the set but
-        for outliers: 5 % of the images at most, more than twice as far away as all others. 1 for a
-        dof that never moves.
+        for outliers: 5 % of the images at most, of all dofs together, more than twice as far away
+        as all others. 1 for a dof that never moves.
 
         Returns
         -------
@@ -182,14 +182,19 @@ class PoseImageSet:
 
 
 def _largest_but_outliers(sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Largest of each column below a gap of a factor of two, if few are above it."""
+    """Largest of each column below a gap of a factor of two, if few rows are above any."""
     n = len(sizes)
+    if n < 2:
+        return np.asarray(sizes.max(axis=0))
     most = min(max(1, int(_MOST_OUTLIERS * n)), n - 1)
     ordered = np.sort(sizes, axis=0)[n - most - 1 :]
     below, above = ordered[:-1], ordered[1:]
     is_gap = (above > _OUTLYING * below) & (below > 1e-9)
     first = np.where(is_gap.any(axis=0), is_gap.argmax(axis=0), most)
-    return np.asarray(np.take_along_axis(ordered, first[None], axis=0)[0])
+    largest = np.take_along_axis(ordered, first[None], axis=0)[0]
+    if (sizes > largest).any(axis=1).sum() > most:
+        return np.asarray(sizes.max(axis=0))
+    return np.asarray(largest)
 
 
 def _check(data: PoseImageSet) -> None:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.dataset_progress import (
+    KEPT_IMAGES,
     Folder,
     Progress,
     forget_progress,
@@ -41,7 +42,8 @@ from servoscope.storage.stacks import create_stack, read_stack, read_stack_shape
 VERSION = 1
 POSE_COLUMNS = ("name", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 _PARTS = ("acquisition.json", "meta.json", "poses.csv", "reference.png")
-_REPLACED = (*reversed(_PARTS[:2]), *_PARTS[2:], "images.zarr", "poses.zarr")
+_KEPT = ("poses.zarr", KEPT_IMAGES)
+_REPLACED = (*reversed(_PARTS[:2]), *_PARTS[2:], "images.zarr", *_KEPT)
 
 
 def is_data_set(folder: Folder) -> bool:
@@ -69,7 +71,7 @@ def check_free(folder: Folder, *, force: bool = False) -> None:
         raise FolderExistsError(
             f"{path} holds a data set already; name another folder, or replace it with --force."
         )
-    for part in (*_PARTS, "poses.zarr"):
+    for part in (*_PARTS, *_KEPT):
         if (path / part).exists():
             raise FolderExistsError(
                 f"{path} holds a {part} that is no part of a data set; name another folder."

@@ -21,7 +21,8 @@ Folder = str | PathLike[str]
 
 IMAGES_PER_CHUNK = PER_CHUNK
 
-_KEPT = "taken"
+KEPT_IMAGES = "taken.servoscope"
+"""The folder of images that are taken until there are enough, within that of the data set."""
 
 
 class Progress(NamedTuple):
@@ -61,7 +62,7 @@ def keep_image(
     folder: Folder, i: int, image: NDArray[np.uint8], pose: NDArray[np.float64], n_replaced: int
 ) -> None:
     """Keep image i with its pose, whole or not at all, where it is not known how many will be."""
-    kept = Path(folder) / _KEPT
+    kept = Path(folder) / KEPT_IMAGES
     kept.mkdir(exist_ok=True)
     arrays: dict[str, NDArray[Any]] = {"image": image, "pose": pose}
     arrays["n_replaced"] = np.array(n_replaced)
@@ -79,7 +80,7 @@ def kept_images(
         If one of them is damaged.
     """
     kept: list[dict[str, NDArray[Any]]] = []
-    while (path := Path(folder) / _KEPT / f"{len(kept):06d}.npz").exists():
+    while (path := Path(folder) / KEPT_IMAGES / f"{len(kept):06d}.npz").exists():
         arrays = read_arrays(path, ("image", "pose", "n_replaced"), DataSetError)
         image, pose = arrays["image"], arrays["pose"]
         alike = not kept or image.shape == kept[0]["image"].shape
@@ -121,7 +122,12 @@ def read_progress(folder: Folder) -> Progress | None:
 
 
 def forget_progress(folder: Folder) -> None:
-    """Remove what is kept of an unfinished data set but its images."""
-    for part in ("poses.zarr", _KEPT):
-        shutil.rmtree(Path(folder) / part, ignore_errors=True)
-    (Path(folder) / "acquisition.json").unlink(missing_ok=True)
+    """Remove what is kept of an unfinished data set but its images.
+
+    ``acquisition.json`` goes last: without it nothing that is there is kept of one.
+    """
+    progress = Path(folder) / "acquisition.json"
+    if os.path.lexists(progress):
+        for part in ("poses.zarr", KEPT_IMAGES):
+            shutil.rmtree(Path(folder) / part, ignore_errors=True)
+        progress.unlink()

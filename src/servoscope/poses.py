@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from servoscope.arrays import as_numbers
 from servoscope.errors import InvalidInputError
 
 DOFS = ("tx", "ty", "tz", "rx", "ry", "rz")
@@ -84,6 +85,30 @@ def is_rigid(T: ArrayLike, tolerance: float = 1e-4) -> bool:
     orthonormal = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)) < tolerance
     last_row = np.abs(T[..., 3, :] - [0.0, 0.0, 0.0, 1.0]) < tolerance
     return bool(orthonormal.all() and last_row.all() and (np.linalg.det(R) > 0).all())
+
+
+def as_rigid(T: ArrayLike, name: str) -> Array:
+    """A rigid transform as a new array of shape (4, 4).
+
+    Raises
+    ------
+    InvalidInputError
+        If it is none.
+
+    Examples
+    --------
+    >>> as_rigid(np.eye(3), "T_world_cam")
+    Traceback (most recent call last):
+    servoscope.errors.InvalidInputError: T_world_cam must be a finite rigid transform of shape \
+(4, 4), got [[1. 0. 0.] [0. 1. 0.] [0. 0. 1.]].
+    """
+    T = np.array(as_numbers(T, name))
+    if T.shape != (4, 4) or not np.isfinite(T).all() or not is_rigid(T):
+        shown = " ".join(np.array2string(T, precision=3, threshold=16).split())
+        raise InvalidInputError(
+            f"{name} must be a finite rigid transform of shape (4, 4), got {shown}."
+        )
+    return T
 
 
 def poses_from_quaternions(translation: ArrayLike, quaternion_xyzw: ArrayLike) -> Array:

@@ -107,6 +107,14 @@ def test_bad_options_are_told_in_a_line(cell, capsys, options, said) -> None:
     assert len(err.splitlines()) == 1
 
 
+@pytest.mark.parametrize("robot", ["legs", "", "Free", "recorded", "recorded:"])
+def test_a_robot_that_is_none_is_refused_whatever_the_model(capsys, tmp_path, robot) -> None:
+    code, _, err = run(capsys, "position", tmp_path, "--robot", robot)
+    assert code == 1
+    assert f"--robot must be free, arm or recorded:FOLDER, got {robot!r}" in err
+    assert len(err.splitlines()) == 1
+
+
 def test_a_model_of_other_images_moves_no_simulated_robot(cell, capsys, tmp_path) -> None:
     model = PositioningModel.load(cell / "model")
     model.trained_on.clear()
@@ -155,7 +163,6 @@ def test_the_loop_runs_on_recorded_images(cell, capsys) -> None:
         (["--robot", "recorded:{data}", "--start", "99999"], "frame from 0 to 930"),
         (["--robot", "recorded:{data}/nowhere"], "nowhere"),
         (["--robot", "recorded:{other}"], "is not the one that the model was trained on"),
-        (["--robot", "legs"], "trained with --robot free"),
         (["--start", "x"], "number from 0"),
     ],
 )

@@ -62,3 +62,23 @@ def test_sensitivity_of_a_model_of_one_s_own(folder, tmp_path, capsys):
     results = json.loads((out / "sensitivity.json").read_text())
     assert results["features"]["model"]["sensitivity"]["hand_eye_tx"]["tx"]["unit"] == "mm"
     assert (out / "figures" / "sensitivity_model.png").exists()
+
+
+@pytest.mark.parametrize("n_test", ["0", "-3"])
+def test_no_tests_are_refused_in_a_line(folder, tmp_path, capsys, n_test):
+    what = ["--on", str(folder), "--n-test", n_test, "--out", str(tmp_path / "run")]
+    assert cli.main(["sensitivity", *what]) == 1
+    assert cli.main(["sensitivity", *what[2:]]) == 1
+    err = capsys.readouterr().err
+    assert "n_test must be a whole number from 1," in err
+    assert "n_test must be a whole number from 2," in err
+    assert err.count("\n") == 2
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_range_beyond_all_sense_is_refused_in_a_line(folder, tmp_path, capsys):
+    assert run(folder, tmp_path / "run", "--range-mm", "100000") == 1
+    err = capsys.readouterr().err
+    assert "range_mm must be above 0 and at most 200" in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "run").exists()

@@ -9,7 +9,7 @@ from planar import PIVOT, RANGES, planar_images
 from planar_cell import SIZE, T_WORLD_REF, Cell
 from planar_model import T_FLANGE_CAM, FlangeCell
 from servoscope.dataset import PoseImageSet
-from servoscope.errors import DataSetError, ModelError
+from servoscope.errors import DataSetError, ModelError, ServoscopeWarning
 from servoscope.poses import displacements_from_poses, pose_error
 from servoscope.positioning import KeyframeModel, Positioner, PositioningModel, train
 from servoscope.positioning.disturbances import Disturbances
@@ -38,7 +38,8 @@ def data() -> PoseImageSet:
 
 @pytest.fixture(scope="module")
 def model(data) -> KeyframeModel:
-    return train(data)
+    with pytest.warns(ServoscopeWarning, match=rf"^1 of {N_IMAGES + 1} images are not trained on"):
+        return train(data)
 
 
 @pytest.mark.slow
@@ -163,7 +164,10 @@ def test_pixels_that_no_image_held_out_shows_are_saved_as_not_seen(model, tmp_pa
 @pytest.mark.slow
 def test_images_of_other_poses_are_refused(data) -> None:
     shuffled = np.random.default_rng(0).permutation(len(data))
-    with pytest.raises(DataSetError, match="no robot may be moved"):
+    with (
+        pytest.warns(ServoscopeWarning, match="not trained on"),
+        pytest.raises(DataSetError, match="no robot may be moved"),
+    ):
         train(replace(data, images=data.images[shuffled]))
 
 

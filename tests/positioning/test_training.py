@@ -13,7 +13,7 @@ from servoscope.dataset import PoseImageSet
 from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.poses import DOFS, poses_from_displacements
 from servoscope.positioning.model_folder import ARRAYS, MODEL
-from servoscope.positioning.training import N_STAGES, check_observable, train
+from servoscope.positioning.training import N_STAGES, check_observable, train, within_range
 
 
 def subset(data: PoseImageSet, chosen) -> PoseImageSet:
@@ -49,6 +49,35 @@ def test_what_it_reaches_is_told_by_rings() -> None:
     clean = [np.mean(list(ring["clean"].values())) for ring in rings]
     assert clean[0] > 3 * clean[1]
     assert clean[0] > 3 * clean[2]
+
+
+def scattered(n_far: int, n: int = 100) -> PoseImageSet:
+    """Images of nothing, some of them far away, whose range is not known."""
+    delta_p = np.random.default_rng(0).uniform(-1, 1, (n, 6)) * RANGES
+    delta_p[:n_far] = 4 * RANGES
+    poses = poses_from_displacements(np.eye(4), delta_p, 0.55)
+    images = np.zeros((n, 4, 4), np.uint8)
+    return PoseImageSet(images, poses, np.eye(4), images[0], times=np.arange(n) / 7)
+
+
+def test_outliers_that_are_not_trained_on_are_named_in_a_line() -> None:
+    with pytest.warns(
+        ServoscopeWarning, match=r"^5 of 100 .* 000000, 000001, 000002, ...;"
+    ) as said:
+        kept = within_range(scattered(5))
+    np.testing.assert_array_equal(kept.ranges(), scattered(5).ranges())
+    assert len(said) == 1
+    assert "\n" not in str(said[0].message)
+    assert list(kept.names) == [f"{i:06d}" for i in range(5, 100)]
+    assert kept.times is not None
+    assert kept.times[0] == 5 / 7
+    with pytest.warns(ServoscopeWarning, match=r"^1 of 100 .* others: 000000;"):
+        assert len(within_range(scattered(1))) == 99
+
+
+def test_no_image_is_left_out_where_many_are_far_or_the_range_was_asked_for() -> None:
+    assert len(within_range(scattered(6))) == 100
+    assert len(within_range(replace(scattered(5), pivot_ranges=RANGES))) == 100
 
 
 @pytest.mark.parametrize("dof", [0, 5])

@@ -78,6 +78,14 @@ def test_gain_offset_and_noise_are_those_of_the_image(looks):
     assert noisy.std() == pytest.approx(10.0, rel=0.1)
 
 
+@pytest.mark.parametrize("shape", [(30, 2100), (2100, 30)])
+def test_images_of_any_shape_are_disturbed(shape):
+    wide = keyframe(reference_image=np.full(shape, 100, np.uint8))
+    looks = RenderedLooks(TrueView(wide, np.zeros(6)), np.eye(4), 0.0)
+    assert seen(looks, "offset", -5.0) == pytest.approx(95, abs=1.0)
+    assert seen(looks, "noise", 10.0).std() == pytest.approx(10.0, rel=0.1)
+
+
 def test_covering_hides_the_square_of_its_strength(looks):
     hidden = np.abs(seen(looks, "covering", 45.0) - seen(looks, "gain", 0.0)) > 0
     assert hidden.mean() == pytest.approx(0.45**2, abs=0.03)

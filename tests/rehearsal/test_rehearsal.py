@@ -123,7 +123,16 @@ def test_the_range_is_the_one_that_images_were_asked_for_or_their_own_or_the_use
     assert user.ranges == pytest.approx([0.04] * 3 + [np.radians(3)] * 3)
 
 
-@pytest.mark.parametrize("wrong", [{"starts": 0}, {"range_mm": -1.0}, {"range_deg": np.nan}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"starts": 0},
+        {"range_mm": -1.0},
+        {"range_mm": 1e5},
+        {"range_deg": np.nan},
+        {"range_deg": 61.0},
+    ],
+)
 def test_what_cannot_be_rehearsed_is_refused(wrong):
     with pytest.raises(InvalidInputError, match=next(iter(wrong))):
         Rehearsal(model(), **wrong)

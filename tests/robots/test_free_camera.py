@@ -89,3 +89,13 @@ def test_poses_handed_out_and_in_are_copies() -> None:
 def test_impossible_errors_are_refused(name: str, value: float) -> None:
     with pytest.raises(InvalidInputError, match=f"{name} must be finite and not negative"):
         Repeatability(**{name: value})
+
+
+@pytest.mark.parametrize("bad", [np.eye(3), np.full((4, 4), np.nan), 2 * np.eye(4), "there"])
+def test_it_is_sent_to_rigid_transforms_only(bad) -> None:
+    camera = FreeCamera(SCENE)
+    with pytest.raises(InvalidInputError, match="T_world_cam must"):
+        camera.move_to(bad)
+    with pytest.raises(InvalidInputError, match="displacement must"):
+        camera.move(bad)
+    np.testing.assert_array_equal(camera.pose, T_WORLD_REF)

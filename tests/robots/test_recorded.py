@@ -148,6 +148,8 @@ def test_it_is_sent_to_rigid_transforms_only() -> None:
     for bad in (np.eye(3), np.full((4, 4), np.nan), 2 * np.eye(4), "there"):
         with pytest.raises(InvalidInputError):
             robot.move_to(bad)
+        with pytest.raises(InvalidInputError, match="displacement must"):
+            robot.move(bad)
     at_reference = replace(DATA, T_world_cam=np.tile(DATA.T_world_ref, (len(DATA), 1, 1)))
     with pytest.raises(InvalidInputError, match="at the reference"):
         RecordedRobot(at_reference)

@@ -117,6 +117,7 @@ def position(
         raise InvalidInputError(
             f"--condition must be one of {', '.join(CONDITIONS)}, got {condition!r}."
         )
+    _check_robot(robot)
     trained = PositioningModel.load(model)
     if replay is not None:
         facts = _replayed(trained, replay)
@@ -153,6 +154,16 @@ def position(
         raise KeyboardInterrupt
     if result.status not in ("converged", "dry_run"):
         raise ServoscopeError(f"{result.status}: {result.message}")
+
+
+def _check_robot(robot: str | None) -> None:
+    from servoscope.robots.registry import ROBOTS
+
+    if robot is None or robot in ROBOTS or robot.removeprefix(_RECORDED) not in ("", robot):
+        return
+    raise InvalidInputError(
+        f"--robot must be {', '.join(ROBOTS)} or {_RECORDED}FOLDER, got {robot!r}."
+    )
 
 
 def _recorded(

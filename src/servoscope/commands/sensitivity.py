@@ -78,11 +78,13 @@ def sensitivity(
 
     processes = n_jobs(jobs)
     if on is not None:
-        settings, make = _of_own_model(on, n_test or OWN_TESTS, seed, disturbances, processes)
+        settings, make = _of_own_model(
+            on, OWN_TESTS if n_test is None else n_test, seed, disturbances, processes
+        )
     else:
         config = SensitivityConfig(
             n_images=n_images,
-            n_test=n_test or TESTS,
+            n_test=TESTS if n_test is None else n_test,
             image_size=image_size,
             seed=seed,
             part=part,
@@ -129,6 +131,7 @@ def _of_own_model(
 
     from servoscope import __version__
     from servoscope.commands.progress import progress_bar
+    from servoscope.errors import InvalidInputError
     from servoscope.positioning.model import PositioningModel
     from servoscope.rehearsal.own_sensitivity import (
         NEED_THE_SCENE,
@@ -137,6 +140,8 @@ def _of_own_model(
     )
     from servoscope.rehearsal.run import Rehearsal, as_keyframe_model
 
+    if n_test < 1:
+        raise InvalidInputError(f"n_test must be a whole number from 1, got {n_test}.")
     names = check_own_disturbances(disturbances)
     model = as_keyframe_model(PositioningModel.load(folder), str(folder))
     rehearsal = Rehearsal(model, n_test, seed)

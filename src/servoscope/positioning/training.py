@@ -35,6 +35,7 @@ LEAST_GAIN = 0.8
 
 _OUTER = 0.3
 _OUTLYING = 1.1
+_MOST_NAMED = 3
 _N_GROUPS = 6
 _MOST_CHECKED = 40
 _LEAST_OUTER = 10
@@ -82,7 +83,8 @@ def train(
     Warns
     -----
     ServoscopeWarning
-        If some dofs of images held out are predicted no better than by their mean.
+        If some dofs of images held out are predicted no better than by their mean, or a few images
+        are left out as outliers.
     """
     if not data.moves().all():
         raise DataSetError(
@@ -114,16 +116,34 @@ def train(
 
 
 def within_range(data: PoseImageSet) -> PoseImageSet:
-    """The images within the range; a few are not where the range is estimated without outliers."""
+    """The images within the range; a few are not where the range is estimated without outliers.
+
+    Warns
+    -----
+    ServoscopeWarning
+        If some are not.
+    """
+    if data.pivot_ranges is not None:
+        return data
     is_outlier = (np.abs(data.delta_p()) > _OUTLYING * data.ranges()).any(axis=1)
     if not is_outlier.any():
         return data
+    outliers = [data.names[int(i)] for i in np.flatnonzero(is_outlier)]
+    more = ", ..." if len(outliers) > _MOST_NAMED else ""
+    warnings.warn(
+        f"{len(outliers)} of {len(data)} images are not trained on, being more than twice as far "
+        f"from the reference as all others: {', '.join(outliers[:_MOST_NAMED])}{more}; if their "
+        "poses are right, take more images that far away.",
+        ServoscopeWarning,
+        stacklevel=3,
+    )
     inside = np.flatnonzero(~is_outlier)
     return replace(
         data,
         images=data.images[inside],
         T_world_cam=data.T_world_cam[inside],
         names=[data.names[int(i)] for i in inside],
+        pivot_ranges=data.ranges(),
         times=None if data.times is None else data.times[inside],
     )
 

@@ -159,7 +159,8 @@ class RenderedLooks:
     def undisturbed(self) -> Look:
         """What the disturbances change."""
         height, width = self.view.keyframe.reference_image.shape
-        return Look(Scene(image_size=int(np.clip(max(height, width), 16, 2048))))
+        scene = Scene(image_size=int(np.clip(max(height, width), 16, 2048)))
+        return Look(scene, image_shape=(height, width))
 
     def image(self, look: Look, rng: np.random.Generator) -> NDArray[np.uint8]:
         """The image of a disturbed look, (height, width); `rng` draws the camera's noise."""
@@ -179,8 +180,7 @@ class RenderedLooks:
         disturbed = disturbances.disturb(grey, places).astype(float)
         disturbed += added_noise(grey.shape, gain * self.noise, rng)
         if look.added_noise is not None:
-            height, width = grey.shape
-            disturbed += look.added_noise[:height, :width]
+            disturbed += look.added_noise
         return np.rint(disturbed.clip(0, 255)).astype(np.uint8)
 
     def _through(self, lens: Any, image: NDArray[np.uint8]) -> NDArray[np.uint8]:

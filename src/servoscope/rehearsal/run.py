@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.acquisition_config import MOST_DEG, MOST_MM
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 from servoscope.positioning.keyframe_model import KeyframeModel
@@ -49,11 +50,12 @@ class Rehearsal:
     range_mm, range_deg : float, optional
         Largest displacement of a start along and about each axis, about the pivot; by default the
         range that the model's images were asked for with, or else the largest of its images.
+        Not above 200 mm and 60 deg, or the largest of the model's images where that is more.
 
     Raises
     ------
     InvalidInputError
-        If there is no start, or a range is not positive.
+        If there is no start, or a range is not positive or too large.
     """
 
     model: KeyframeModel
@@ -65,10 +67,16 @@ class Rehearsal:
     def __post_init__(self) -> None:
         if not isinstance(self.starts, int) or self.starts < 1:
             raise InvalidInputError(f"starts must be a whole number from 1, got {self.starts!r}.")
-        for name in ("range_mm", "range_deg"):
+        reach = np.array(self.model.reach) * DISPLAY_FACTORS
+        for name, limit in (
+            ("range_mm", max(MOST_MM, *reach[:3])),
+            ("range_deg", max(MOST_DEG, *reach[3:])),
+        ):
             value = getattr(self, name)
-            if value is not None and not 0 < value < np.inf:
-                raise InvalidInputError(f"{name} must be a positive number, got {value!r}.")
+            if value is not None and not 0 < value <= limit:
+                raise InvalidInputError(
+                    f"{name} must be above 0 and at most {limit:g}, got {value!r}."
+                )
 
     @cached_property
     def ranges(self) -> Array:

@@ -25,7 +25,8 @@ def sample_at(image: NDArray[Any], camera: CameraModel, points: Array, border: i
     points : ndarray of shape (rows, columns, 3)
         Before the camera, of any scale.
     border : int
-        Of OpenCV: how the image goes on beyond its edges.
+        Of OpenCV: how the image goes on beyond its edges, up to its size; points farther off are
+        seen there.
 
     Returns
     -------
@@ -44,6 +45,12 @@ def sample_at(image: NDArray[Any], camera: CameraModel, points: Array, border: i
     z = np.maximum(flat[:, 2], 1e-3)
     seen = np.empty(flat.shape)
     project(np.eye(4), camera.values, height / width, flat[:, :2] / z[:, None], 1 / z, seen)
-    column = ((seen[:, 0] + 0.5) * width - 0.5).reshape(shape).astype(np.float32)
-    row = ((seen[:, 1] * width / height + 0.5) * height - 0.5).reshape(shape).astype(np.float32)
+    column = _pixels((seen[:, 0] + 0.5) * width - 0.5, width).reshape(shape)
+    row = _pixels((seen[:, 1] * width / height + 0.5) * height - 0.5, height).reshape(shape)
     return np.asarray(cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=border))
+
+
+def _pixels(at: Array, size: int) -> NDArray[np.float32]:
+    """Finite and not far away: OpenCV walks back from there, one image after the other."""
+    near = np.clip(np.nan_to_num(at), -size, 2 * size)
+    return np.asarray(near, dtype=np.float32)

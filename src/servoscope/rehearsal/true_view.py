@@ -13,7 +13,6 @@ from scipy.optimize import brentq
 from servoscope.keyframe import Keyframe
 from servoscope.keyframe.fitting import view_shifts
 from servoscope.keyframe.motion import conjugate
-from servoscope.keyframe.rendering import JUMP, draw, project
 from servoscope.keyframe.views import View
 from servoscope.poses import (
     DISPLAY_FACTORS,
@@ -146,23 +145,6 @@ class TrueView:
     def _backdrop(self) -> Backdrop:
         return Backdrop(self.keyframe, min(WIDEST, self.keyframe.reference_image.shape[1]))
 
-    @cached_property
-    def _depth(self) -> Array:
-        smooth = cv2.medianBlur(self.keyframe.inverse_depth, 5)
-        return self._backdrop.view.resize(smooth).astype(float)
-
-    def _rendered(self, T: Array) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-        """As `Keyframe.render`, without finding the rays of all pixels each time."""
-        view, rays = self._backdrop.view, self._backdrop.rays
-        seen = np.empty(rays.shape)
-        camera = self.keyframe.camera.values
-        rays = np.ascontiguousarray(rays[:, :2])
-        project(T, camera, view.aspect, rays, self._depth.ravel(), seen)
-        image, nearness = np.zeros(view.shape), np.zeros(view.shape)
-        mesh = seen.reshape(*view.shape, 3)
-        draw(view.grey.astype(float), mesh, self._depth, view.aspect, JUMP, image, nearness)
-        return np.rint(image.clip(0, 255)).astype(np.uint8), nearness > 0
-
     def image(self, displacement: Array) -> NDArray[np.uint8]:
         """What is seen at a displacement (4, 4), [m], without noise, (height, width).
 
@@ -172,9 +154,9 @@ class TrueView:
         (delta_p,) = displacements_from_poses(np.eye(4), displacement[None], pivot)
         shift = shifts(keyframe, displacement[None])[0]
         D = poses_from_displacements(np.eye(4), delta_p + shift * self.misreading, pivot)
-        T = inverse_transform(conjugate(keyframe.mount, D))
-        seen, known = self._rendered(T)
-        image = np.where(known, seen, self._backdrop.render(T))
+        seen, known = keyframe.render(D, self._backdrop.view.width)
+        beside = self._backdrop.render(inverse_transform(conjugate(keyframe.mount, D)))
+        image = np.where(known, seen, beside)
         height, width = keyframe.reference_image.shape
         if image.shape != (height, width):
             image = cv2.resize(image, (width, height), interpolation=cv2.INTER_CUBIC)

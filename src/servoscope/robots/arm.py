@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from servoscope.errors import InvalidInputError
-from servoscope.poses import inverse_transform, is_rigid, rigid_transform
+from servoscope.poses import as_rigid, inverse_transform, rigid_transform
 from servoscope.robots.arm_kinematics import flange_pose, inverse_kinematics
 from servoscope.robots.arm_model import N_JOINTS, TIMESTEP, arm_mjcf
 from servoscope.robots.arm_motion import minimum_jerk
@@ -115,7 +115,7 @@ class Arm:
         self.scene = scene
         self.repeatability = Repeatability() if repeatability is None else repeatability
         self.rng = rng
-        self.mount = _checked("mount", mount)
+        self.mount = as_rigid(mount, "mount")
         self.backlash = _checked_backlash(backlash)
         self.timeout = _checked_timeout(timeout)
         self._physics = ArmPhysics(
@@ -162,12 +162,12 @@ class Arm:
             it does not come to rest.
         """
         before = self.pose
-        self.move_to(before @ _checked("displacement", displacement))
+        self.move_to(before @ as_rigid(displacement, "displacement"))
         return inverse_transform(before) @ self.pose
 
     def move_to(self, T_world_flange: ArrayLike) -> None:
         """Move the flange to a pose (4, 4), [m]; raises what `move` raises."""
-        goal = _joints_for(_checked("T_world_flange", T_world_flange), self.joints)
+        goal = _joints_for(as_rigid(T_world_flange, "T_world_flange"), self.joints)
         start = self._physics.commanded
         self._physics.check_path(start, goal)
         self._physics.follow(minimum_jerk(start, goal, TIMESTEP))
@@ -182,7 +182,7 @@ class Arm:
 
     def place_camera(self, T_world_cam: ArrayLike) -> None:
         """`reset` the arm to where its camera is at a pose (4, 4), [m]."""
-        self.reset(_checked("T_world_cam", T_world_cam) @ inverse_transform(self.mount))
+        self.reset(as_rigid(T_world_cam, "T_world_cam") @ inverse_transform(self.mount))
 
     def reset(self, where: ArrayLike = READY) -> None:
         """Put the arm somewhere at once, at rest; nothing of what it did before remains.
@@ -201,7 +201,7 @@ class Arm:
         if where.shape == (N_JOINTS,):
             joints = _checked_joints(where)
         else:
-            joints = _joints_for(_checked("T_world_flange", where), READY)
+            joints = _joints_for(as_rigid(where, "T_world_flange"), READY)
         self._physics.check_path(joints, joints)
         self._physics.put(joints)
         self._physics.settle(self.timeout)
@@ -226,17 +226,6 @@ def _bounds(part: CylinderHead | TexturedPlane) -> NDArray[np.float32]:
     if isinstance(part, TexturedPlane):
         return np.zeros((2, 3), np.float32)
     return geometry_of(part).mesh.bounds
-
-
-def _checked(name: str, T: ArrayLike) -> Array:
-    """`T` itself, if it is a rigid transform."""
-    T = np.array(T, dtype=float)
-    if T.shape != (4, 4) or not np.isfinite(T).all() or not is_rigid(T):
-        raise InvalidInputError(
-            f"{name} must be a finite rigid transform of shape (4, 4), got "
-            f"{np.array2string(T, precision=3, threshold=16).replace(chr(10), '')}."
-        )
-    return T
 
 
 def _checked_joints(joints: Array) -> Array:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from servoscope.errors import InvalidInputError
-from servoscope.poses import rigid_transform
+from servoscope.poses import as_rigid, rigid_transform
 from servoscope.scene.render import render
 from servoscope.scene.scene import T_WORLD_REF, Scene
 
@@ -98,14 +98,19 @@ class FreeCamera:
         -------
         ndarray of shape (4, 4)
             The displacement that was executed, as the robot believes: the one it was told, [m].
+
+        Raises
+        ------
+        InvalidInputError
+            If it is no rigid transform.
         """
-        executed = np.array(displacement, dtype=float)
+        executed = as_rigid(displacement, "displacement")
         self.move_to(self._commanded @ executed)
         return executed
 
     def move_to(self, T_world_cam: ArrayLike) -> None:
-        """Move to a pose (4, 4), [m]."""
-        self._commanded = self._reached = np.array(T_world_cam, dtype=float)
+        """Move to a pose (4, 4), [m]; raises what `move` raises."""
+        self._commanded = self._reached = as_rigid(T_world_cam, "T_world_cam")
         if self.rng is not None:
             self._reached = self.repeatability.disturb(self._commanded, self.rng)
 

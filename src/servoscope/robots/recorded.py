@@ -7,10 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from servoscope.arrays import as_numbers
 from servoscope.dataset import PoseImageSet
 from servoscope.errors import InvalidInputError
-from servoscope.poses import inverse_transform, is_rigid, pose_error
+from servoscope.poses import as_rigid, inverse_transform, pose_error
 
 Array = NDArray[np.float64]
 
@@ -114,9 +113,14 @@ class RecordedRobot:
         -------
         ndarray of shape (4, 4)
             The displacement to the frame that it went to, [m].
+
+        Raises
+        ------
+        InvalidInputError
+            If it is no rigid transform.
         """
         before = self.pose
-        self.move_to(before @ as_numbers(displacement, "displacement"))
+        self.move_to(before @ as_rigid(displacement, "displacement"))
         return inverse_transform(before) @ self.pose
 
     def move_to(self, T_world_cam: ArrayLike) -> None:
@@ -127,12 +131,7 @@ class RecordedRobot:
         InvalidInputError
             If it is no rigid transform.
         """
-        target = as_numbers(T_world_cam, "T_world_cam")
-        if target.shape != (4, 4) or not np.isfinite(target).all() or not is_rigid(target):
-            raise InvalidInputError(
-                "A recorded robot can only be sent to a rigid transform (4, 4)."
-            )
-        away = self._away(target)
+        away = self._away(as_rigid(T_world_cam, "T_world_cam"))
         self.frame = int(np.argmin(np.where(self._is_frame, away, np.inf)))
 
     def stop(self) -> None:

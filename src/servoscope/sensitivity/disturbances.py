@@ -35,13 +35,21 @@ class Look:
     scene : Scene
     departure : ndarray of shape (4, 4)
         Where the camera is, in the frame of where it would be undisturbed, [m].
-    added_noise : ndarray of shape (image_size, image_size), optional
+    added_noise : ndarray of shape `image_shape`, optional
         Noise on top of the sensor's own, [grey levels].
+    image_shape : tuple of 2 ints, optional
+        Height and width, [px]; that of the scene by default.
     """
 
     scene: Scene
     departure: Array = field(default_factory=lambda: np.eye(4))
     added_noise: Array | None = None
+    image_shape: tuple[int, int] | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the image, [px]."""
+        return self.image_shape or (self.scene.image_size, self.scene.image_size)
 
 
 Change = Callable[[Look, float, np.random.Generator], Look]
@@ -127,13 +135,11 @@ def _defocus(look: Look, px: float, rng: np.random.Generator) -> Look:
 
 
 def _noise(look: Look, grey: float, rng: np.random.Generator) -> Look:
-    size = look.scene.image_size
-    return replace(look, added_noise=grey * rng.standard_normal((size, size)))
+    return replace(look, added_noise=grey * rng.standard_normal(look.shape))
 
 
 def _offset(look: Look, grey: float, rng: np.random.Generator) -> Look:
-    size = look.scene.image_size
-    return replace(look, added_noise=np.full((size, size), grey))
+    return replace(look, added_noise=np.full(look.shape, grey))
 
 
 def _covering(look: Look, percent: float, rng: np.random.Generator) -> Look:

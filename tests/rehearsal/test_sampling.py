@@ -1,0 +1,27 @@
+"""Grey levels where points are seen, also far beside the image."""
+
+import cv2
+import numpy as np
+import pytest
+
+from servoscope.keyframe import CameraModel
+from servoscope.rehearsal.sampling import sample_at
+
+RAMP = np.arange(6.0)[None].repeat(4, axis=0)
+
+
+def sample(*point: float) -> float:
+    points = np.array([[point]], dtype=float)
+    return float(sample_at(RAMP, CameraModel(1.0), points, cv2.BORDER_REFLECT)[0, 0])
+
+
+@pytest.mark.parametrize(("column", "grey"), [(2.0, 2.0), (-2.0, 1.0), (7.0, 4.0)])
+def test_the_image_goes_on_mirrored_at_its_edges(column, grey):
+    assert sample((column + 0.5) / 6 - 0.5, 0.0, 1.0) == pytest.approx(grey, abs=1e-5)
+
+
+@pytest.mark.parametrize("far", [5e3, 1e12, 1e100])
+def test_points_farther_off_are_seen_one_image_beside_the_edge(far):
+    assert sample(far, 0.0, 1.0) == 0.0
+    assert sample(-far, 0.0, 1.0) == 5.0
+    assert 0.0 <= sample(np.nan, far, 1.0) <= 5.0
