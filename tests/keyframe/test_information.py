@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from servoscope import CameraModel, Keyframe
+from servoscope.keyframe import next_displacements
 from servoscope.keyframe.information import KeyframeInformation
 from servoscope.poses import poses_from_displacements
 
@@ -62,3 +63,25 @@ def test_surer_poses_and_more_images_say_more(says):
     )
     assert (after <= before * (1 + 1e-9)).all()
     assert (after[:6] < before[:6]).any()
+
+
+@pytest.mark.parametrize(
+    "aside", [(0.6, 0, 0, 0, 0, 0), (0, -0.6, 0, 0, 0, 1.0), (3.0, 2, 1, 1, 1, 1)]
+)
+def test_an_image_that_sees_nothing_of_the_view_says_nothing(says, aside):
+    image = says.of(displaced(*aside))
+    assert not image.information.any()
+    assert not image.sensitivity.any()
+
+
+def test_next_images_are_found_in_a_range_beyond_the_view():
+    reach = np.array([0.5] * 3 + [np.radians(60)] * 3)
+    chosen = next_displacements(plate(), 3, reach)
+    assert (np.abs(chosen) <= reach).all()
+    information = KeyframeInformation(plate(), NOISE).of(displaced(*chosen[0])).information
+    assert np.isfinite(information).all()
+
+
+def test_no_image_is_to_be_taken_twice():
+    chosen = next_displacements(plate(), 200, [0.02] * 3 + [0.1] * 3)
+    assert len(np.unique(chosen, axis=0)) == 200

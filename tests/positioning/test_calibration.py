@@ -48,6 +48,27 @@ def test_bad_intrinsics_are_refused_in_a_line(text) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "512,512,319.5,239.5,-1.5,0", "512,512,319.5,239.5,-2,1", "200,200,0,0,-0.5,0",
+        "512,512,0,0,-0.3,0", "400,400,319.5,239.5,0.5,-2", "512,512,639,479,-0.3,0",
+    ],
+)  # fmt: skip
+def test_a_lens_that_folds_the_image_is_refused_in_a_line(text) -> None:
+    with pytest.raises(InvalidInputError, match="fold the image back") as caught:
+        parse_intrinsics(text, (480, 640))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["512,512,319.5,239.5,-0.28,0.07", "320,320,300,250,-0.3,0.1", "600,600,320,240,0.5,0.5"],
+)
+def test_a_lens_as_they_are_is_taken(text) -> None:
+    assert parse_intrinsics(text, (480, 640)).k1 == float(text.split(",")[4])
+
+
 @pytest.mark.parametrize("text", ["", "1", "1,2,3", "0,1", "1,0", "-1,1", "nan,1", "200,1", "1,30"])
 def test_bad_pose_noise_is_refused_in_a_line(text) -> None:
     with pytest.raises(InvalidInputError, match="pose-noise"):

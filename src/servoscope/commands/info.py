@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from servoscope import __version__
 from servoscope.commands.options import AnyFolder, Json
-from servoscope.errors import InvalidInputError
+from servoscope.errors import InvalidInputError, ModelError
 
 if TYPE_CHECKING:
     from servoscope.keyframe import Keyframe
@@ -207,8 +207,14 @@ def _write_figure(folder: Path | None, file: Path, dataset: Path | None) -> None
             f"--figure shows a keyframe model, got {folder or 'nothing'}; name the folder of a "
             "model that was trained with --method keyframe."
         )
+    residual = arrays.get(RESIDUAL)
+    if residual is not None and (residual.ndim != 2 or not residual.size):
+        raise ModelError(
+            f"{folder} must hold {RESIDUAL} of shape (rows, columns), got {residual.shape}; "
+            "train it again."
+        )
     data = None if dataset is None else PoseImageSet.load(dataset)
-    write_keyframe(file, keyframe, residual=arrays.get(RESIDUAL), data=data)
+    write_keyframe(file, keyframe, residual=residual, data=data)
 
 
 def _by_dof(values: Any) -> dict[str, float]:

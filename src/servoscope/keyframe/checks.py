@@ -115,10 +115,17 @@ def check_arrays(values: dict[str, Any]) -> None:
     wrong = [name for name, shape in shapes.items() if values[name].shape != shape]
     wrong += [name for name in shapes if values[name].dtype.kind != "f"]
     wrong += [name for name in shapes if name not in wrong and not np.isfinite(values[name]).all()]
-    if image.dtype != np.uint8 or image.ndim != 2 or min(image.shape) < LEAST_SIDE:
+    is_image = image.dtype == np.uint8 and image.ndim == 2 and min(image.shape) >= LEAST_SIDE
+    if not is_image or image.std() < LEAST_DETAIL:
         wrong.append("reference_image")
-    if depth.ndim != 2 or depth.dtype.kind != "f" or not (depth > 0).all():
+    is_field = depth.dtype == np.float32 and depth.ndim == 2 and depth.size > 0
+    if not is_field or not (np.isfinite(depth) & (depth > 0)).all():
         wrong.append("inverse_depth")
+    if not n_fitted:
+        wrong.append("displacements")
+    deviations = ("trust", "model_error", "residual", "noise")
+    wrong += [n for n in deviations if n not in wrong and (values[n] < 0).any()]
+    wrong += [n for n in ("trust", "noise") if n not in wrong and not (values[n] > 0).any()]
     wrong += [n for n in ("mount", "displacements") if n not in wrong and not is_rigid(values[n])]
     if wrong:
         raise InvalidInputError(

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from servoscope.keyframe.checks import rigid
 from servoscope.keyframe.keyframe import Keyframe
+from servoscope.keyframe.levels import PRIOR
 from servoscope.keyframe.motion import adjoint, conjugate
 from servoscope.keyframe.state import MOUNT, REFERENCE, Priors
 from servoscope.keyframe.views import View
@@ -23,6 +24,9 @@ N_PATCHES = 8
 
 _WIDTH, _SIGMA = 64, 1.0
 _LIGHT = slice(6, 10)
+_OWN_PRIOR = np.concatenate([PRIOR, [3.0, 100.0, 3.0, 3.0]])
+"""Deviations of an image's pose, gain, offset [grey] and slopes of the gain before it is seen."""
+
 _N_RIGID = 17
 _REDUNDANCY = 4.0
 _DEPTH_PRIOR = 0.3
@@ -109,7 +113,7 @@ class KeyframeInformation:
         G[MOTION, :12] = chain
         G[10:, 12:] = np.eye(len(H) - 10)
         HG = H @ G
-        seen = H[own, own] + 1e-9 * np.diag(np.diag(H)[own])
+        seen = H[own, own] + np.diag(1 / _OWN_PRIOR**2)  # an image may see nothing
         response = -np.linalg.solve(seen, HG[own])[MOTION]
         response[:, REFERENCE] = 0  # what is read is about the reference view itself
         by_twist = keyframe._aligner.by_twist(D)

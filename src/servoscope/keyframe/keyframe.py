@@ -23,8 +23,7 @@ from servoscope.keyframe.checks import (
     rigid_stack,
 )
 from servoscope.keyframe.fitting import Known, chosen_images, evenly_spread, fit_state
-from servoscope.keyframe.levels import Level
-from servoscope.keyframe.limit import ViewLimit, cramer_rao, pixel_noise
+from servoscope.keyframe.limit import ViewLimit, pixel_noise, view_limit
 from servoscope.keyframe.motion import conjugate
 from servoscope.keyframe.rendering import Renderer
 from servoscope.keyframe.state import Priors, observable
@@ -277,14 +276,8 @@ class Keyframe:
         ViewLimit
         """
         noise = self.noise if noise is None else checked_noise(noise)
-        view = View.of(self.reference_image, self.reference_image.shape[1], 0.0)
-        depth = view.resize(self.inverse_depth)
-        level = Level(view, self.camera, depth, np.ones_like(depth))
-        J = np.empty((level.used.size, 6))
-        J[level.used] = level.linearise(view.grey, level.start(np.eye(4)))[0]
-        by_delta_p = J @ np.linalg.inv(self._aligner.by_twist(np.eye(4)))
-        light = np.stack([view.grey.ravel(), np.ones(view.grey.size)], axis=1)
-        return cramer_rao(np.hstack([by_delta_p, light]), noise, view.shape)
+        by_twist = self._aligner.by_twist(np.eye(4))
+        return view_limit(self.reference_image, self.camera, self.inverse_depth, by_twist, noise)
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """All that makes the keyframe, as arrays of numbers."""

@@ -58,7 +58,7 @@ def next_displacements(
     Returns
     -------
     ndarray of shape (n, 6)
-        About the pivot, [m] and [rad], best first.
+        About the pivot, [m] and [rad], best first, all different.
 
     Raises
     ------
@@ -84,7 +84,8 @@ def next_displacements(
         chosen: list[int] = []
         for _ in range(n):
             apart = _distances(candidates / ranges, taken)
-            left = np.argsort(-apart, kind="stable")[:N_APART]
+            apart[chosen] = -1.0  # each is taken once
+            left = np.argsort(-apart, kind="stable")[: min(N_APART, N_CANDIDATES - len(chosen))]
             errors = [np.sum(np.linalg.inv(known + informations[k]) * worth) for k in left]
             best = int(left[int(np.argmin(errors))])
             chosen.append(best)

@@ -15,6 +15,9 @@ TRACKER = 2e-3, 3e-3
 
 _SQUARE = 0.02
 _STRONGEST = 2.0
+_CHECKED = 33
+_MISSES = 1e-3
+"""Rays miss their points by at most this, [image widths]."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,7 @@ def parse_intrinsics(text: str, image_shape: tuple[int, int]) -> CameraModel:
     ------
     InvalidInputError
         If these are not four to six numbers, or not those of a camera with square pixels whose
-        axis meets the image.
+        axis meets the image and whose distortion does not fold it.
 
     Examples
     --------
@@ -76,7 +79,24 @@ def parse_intrinsics(text: str, image_shape: tuple[int, int]) -> CameraModel:
         )
     k1, k2 = [*distortion, 0.0, 0.0][:2]
     f = float(np.sqrt(fx * fy))
-    return CameraModel.from_pixels(f, (cx, cy), width=width, height=height, distortion=(k1, k2))
+    camera = CameraModel.from_pixels(f, (cx, cy), width=width, height=height, distortion=(k1, k2))
+    if _folds(camera, height / width):
+        raise InvalidInputError(
+            f"intrinsics must have distortions K1 and K2 that do not fold the image back onto "
+            f"itself, got {k1:g},{k2:g}; give those of OpenCV's radial model."
+        )
+    return camera
+
+
+def _folds(camera: CameraModel, aspect: float) -> bool:
+    """Whether rays of some points of the image are not seen where these are."""
+    x, y = np.meshgrid(np.linspace(-0.5, 0.5, _CHECKED), np.linspace(-0.5, 0.5, _CHECKED) * aspect)
+    points = np.stack([x.ravel(), y.ravel()], axis=1)
+    rays, _ = camera.rays(points)
+    r2 = (rays**2).sum(axis=1, keepdims=True)
+    seen = camera.f * (1 + camera.k1 * r2 + camera.k2 * r2**2) * rays + [camera.cx, camera.cy]
+    turns = 1 + 3 * camera.k1 * r2 + 5 * camera.k2 * r2**2 <= 0
+    return bool((np.abs(seen - points).max() > _MISSES) or turns.any())
 
 
 def parse_pose_noise(text: str) -> tuple[float, float]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from servoscope.errors import ModelError
 from servoscope.keyframe import Keyframe
 from servoscope.keyframe.fitting import view_shifts
 from servoscope.keyframe.motion import conjugate
@@ -57,14 +59,33 @@ class OwnErrors:
 
         The relief is as wrong as it must be for the residual of the fitted images that noise does
         not explain.
+
+        Raises
+        ------
+        ModelError
+            If the model's median errors are not six numbers, 0 or more.
         """
         keyframe = model.keyframe
         reading = keyframe.model_error
         if "median" in model.accuracy:
-            median = np.array([model.accuracy["median"][dof] for dof in DOFS]) / DISPLAY_FACTORS
+            median = _by_dof(model.accuracy["median"]) / DISPLAY_FACTORS
             shift = float(np.median(shifts(keyframe, keyframe.displacements)))
             reading = np.maximum(reading, median / _NORMAL_MEDIAN / max(shift, 1e-3))
         return cls(reading, relief_error(keyframe))
+
+
+def _by_dof(values: Any) -> Array:
+    """Six numbers by the names of the dofs."""
+    try:
+        array = np.array([float(values[dof]) for dof in DOFS])
+    except (LookupError, TypeError, ValueError):
+        array = np.full(6, np.nan)
+    if not (np.isfinite(array) & (array >= 0)).all():
+        raise ModelError(
+            f"The median errors of a model must be six numbers named {', '.join(DOFS)}, got "
+            f"{str(values)[:80]!r}; train it again."
+        )
+    return array
 
 
 def shifts(keyframe: Keyframe, displacements: Array) -> Array:

@@ -37,8 +37,8 @@ def plot_shares(
 
     Parameters
     ----------
-    shares : ndarray of shape (height, width)
-        What each pixel contributes; they need not sum to 1.
+    shares : ndarray of shape (rows, columns)
+        What each pixel contributes, of any resolution; they need not sum to 1.
     reference_image : ndarray of shape (height, width), uint8
     """
     ax = new_axes() if ax is None else ax
@@ -46,8 +46,11 @@ def plot_shares(
     smooth = cv2.GaussianBlur(relative.astype(np.float32), (0, 0), _SMOOTH * shares.shape[1])
     top = max(float(np.quantile(smooth, 0.995)), 1e-6)
     pale = _PAPER + (1 - _PAPER) * reference_image / 255
-    ax.imshow(pale, cmap="gray", vmin=0, vmax=1)
-    drawn = ax.imshow(smooth, cmap="Greys", vmin=0, vmax=top, alpha=np.clip(smooth / top, 0, 1))
+    height, width = reference_image.shape
+    extent = (0, width, height, 0)
+    ax.imshow(pale, cmap="gray", vmin=0, vmax=1, extent=extent)
+    alpha = np.clip(smooth / top, 0, 1)
+    drawn = ax.imshow(smooth, cmap="Greys", vmin=0, vmax=top, alpha=alpha, extent=extent)
     return _finish(ax, drawn, title, "times an average pixel")
 
 
