@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
-from sklearn.neighbors import kneighbors_graph
+from sklearn.neighbors import NearestNeighbors
 
 from servoscope.kernels.gaussian import Array
 
@@ -30,6 +30,10 @@ larger clusters are of different poses."""
 MOST_WITHIN = 0.05
 """Share of the variance that may be within the poses: of the features where targets are equal, of
 the targets where features are near."""
+
+_LOOSE = 0.25
+"""A group of equal targets with a sample farther from its mean than this, in shares of the
+variance of the features, is of several poses."""
 
 
 def find_repeats(X: Array, y: Array) -> Groups:
@@ -69,7 +73,7 @@ def find_repeats(X: Array, y: Array) -> Groups:
     if not Z.any():
         return np.arange(n)
     found = [_equal_rows(Z)]
-    by_features, by_targets = _clusters(Z), _clusters(T)
+    by_features, by_targets = _clusters(Z), _tight(_clusters(T), Z)
     if _variance_within(by_features, T) <= MOST_WITHIN:
         found.append(by_features)
     if (
@@ -112,7 +116,9 @@ def _clusters(table: Array) -> Groups:
     n = len(distinct)
     if n <= LEAST_POSES:
         return equal
-    graph = kneighbors_graph(distinct, min(MOST_SHOTS, n - 1), mode="distance")
+    # a tree takes differences: the brute-force search finds 1e-9 to be 0 by cancellation
+    neighbours = NearestNeighbors(n_neighbors=min(MOST_SHOTS, n - 1), algorithm="kd_tree")
+    graph = neighbours.fit(distinct).kneighbors_graph(mode="distance")
     edges = minimum_spanning_tree(graph.maximum(graph.T)).tocoo()
     lengths, least = np.sort(edges.data), int(LEAST_SHARE * n)
     ratios = lengths[least:] / lengths[least - 1 : -1]
@@ -126,6 +132,15 @@ def _clusters(table: Array) -> Groups:
     if np.sum(sizes > 1) < LEAST_POSES or sizes.max() > MOST_SHOTS or radius * LEAST_GAP > longer:
         return equal
     return groups[equal]
+
+
+def _tight(groups: Groups, values: Array) -> Groups:
+    """The groups but those whose own values vary as those of different poses may, by chance."""
+    squares = np.square(values - _means(values, groups)[groups]).sum(axis=1)
+    within = np.zeros(groups.max() + 1)
+    np.maximum.at(within, groups, squares)
+    is_loose = (within > _LOOSE * np.square(values).sum(axis=1).mean())[groups]
+    return _in_order(np.where(is_loose, groups.max() + 1 + np.arange(len(groups)), groups))
 
 
 def _variance_within(groups: Groups, values: Array) -> float:
