@@ -202,7 +202,7 @@ class Aligner:
         information = ((alone * w[:, None]).T @ J).astype(float)
         bread = np.linalg.inv(max(slope, _LEAST_SLOPE) * information + np.diag(1 / PRIOR**2))
         shift = self.view_shift(guess.T)
-        apart = min(1.0, np.sqrt(shift * level.camera.f * level.view.width))
+        apart = min(1.0, shift * level.camera.f * level.view.width)
         misplaced = np.hypot(_REGISTRATION * apart, _RELIT * guess.light.unevenness(level.grey))
         meat = np.diag(1 / PRIOR**2)
         for error in (r, *(misplaced / level.view.width * level.slopes.T)):
