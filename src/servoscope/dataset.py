@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import Any
 
@@ -130,6 +130,24 @@ class PoseImageSet:
         else:
             ranges = displacement_ranges(self.pivot_ranges, self.pivot, displacement)
         return np.where(ranges > 1e-9, ranges, 1.0)
+
+    def subset(self, indices: NDArray[np.integer]) -> PoseImageSet:
+        """The images of some indices, in their order; all else is kept.
+
+        Examples
+        --------
+        >>> images, poses = np.zeros((3, 8, 8), np.uint8), np.tile(np.eye(4), (3, 1, 1))
+        >>> data = PoseImageSet(images, poses, np.eye(4), images[0], names=["a", "b", "c"])
+        >>> list(data.subset(np.array([2, 0])).names)
+        ['c', 'a']
+        """
+        return replace(
+            self,
+            images=self.images[indices],
+            T_world_cam=self.T_world_cam[indices],
+            names=[self.names[int(i)] for i in indices],
+            times=None if self.times is None else self.times[indices],
+        )
 
     def save(self, folder: str | PathLike[str]) -> None:
         """Write a data set folder; see `docs/conventions.md` for its layout.

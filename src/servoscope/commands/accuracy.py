@@ -15,7 +15,7 @@ _NEEDED = {
     "axes",
     "mount_translation": "where the camera sits is not known; turn about all axes",
     "mount_rotation": "how the camera is turned is not known; move along and about all axes",
-    "focal_length": "focal length and depth are not told apart; move along the optical axis too",
+    "focal_length": "focal length and depth are not separable; move along the optical axis too",
 }
 
 

@@ -169,8 +169,8 @@ def _print_model(folder: Path) -> None:
     ranges, limit = None, facts.pop("limit", None)
     if limit is not None:
         source = facts.pop("trained_on", {})
-        told = [str(source[key]) for key in ("kind", "rings", "robot") if key in source]
-        facts["trained on"] = f"{accuracy['n_images']} images" + "".join(f", {x}" for x in told)
+        named = [str(source[key]) for key in ("kind", "rings", "robot") if key in source]
+        facts["trained on"] = f"{accuracy['n_images']} images" + "".join(f", {x}" for x in named)
         residual = f"residual {accuracy['residual']:.2g} grey, noise {accuracy['noise']:.2g} grey"
         if _is_number(accuracy.get("residual_over_noise")):
             residual += f"; held out {accuracy['residual_over_noise']:.2g} times the noise"

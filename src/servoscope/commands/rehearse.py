@@ -29,7 +29,7 @@ def rehearse(
 
     The loop is run from many starts on images that are rendered of the model's keyframe: wider and
     narrower ranges, another gain, a moved lamp, a covered view, noise, defocus, a robot that
-    scatters, images that come late. It tells what would arrive and where not; the images are as
+    scatters, images that come late. It says what would arrive and where not; the images are as
     far from the model as those were that training held out.
 
     Example: servoscope rehearse model --starts 40 --conditions range_1.0 covered_20
@@ -100,7 +100,7 @@ def _results(
         write = partial(_write_starts, path, rehearsed)
         run.run_stage(f"starts_{name}", inputs, write, [f"trials/{path.name}"])
         results[name] = read_json(path)
-    told = {
+    facts = {
         "version": 1,
         "servoscope": __version__,
         "model": run.settings["model"],
@@ -111,8 +111,8 @@ def _results(
         "results": results,
         "timings_s": run.timings(),
     }
-    write_json(run.path / "rehearsal.json", told)
-    return told
+    write_json(run.path / "rehearsal.json", facts)
+    return facts
 
 
 def _write_starts(path: Path, rehearsed: Any) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.keyframe.camera import CameraModel
-from servoscope.keyframe.levels import BEND, FAR, N_BLOCKS, PRIOR, Guess, Level
+from servoscope.keyframe.levels import BEND, CUT, FAR, N_BLOCKS, PRIOR, Guess, Level
 from servoscope.keyframe.lighting import Light
 from servoscope.keyframe.motion import (
     adjoint,
@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 _LEVELS = ((32, 1.0, 10), (64, 0.7, 8), (128, 1.0, 6))
+CLEARLY_ALIKE = 0.85
+"""The similarity above which no other start is tried."""
+
 _NODES = (2, 3, 8)
 _NODE_PX = 16
 """Nodes of the light are no nearer, [px]."""
@@ -33,7 +36,6 @@ _STIFFNESS = (3.0, 1.0, 1.0)
 _N_STARTS = 5
 _N_COMPARED, _N_GUESSED = 5, 10
 _N_SPREAD = 200
-_ENOUGH = 0.85
 _LEAST_SLOPE = 0.1
 _REGISTRATION = 0.035
 """Standard deviation of the place of a block of the view beside the middles of pixels, [px]."""
@@ -153,7 +155,7 @@ class Aligner:
         middle, guesses = self.levels[1], []
         for T in starts:
             guess = middle.descend(prepared[1], middle.start(T), _N_GUESSED)
-            if middle.compare(prepared[1], guess.T)[0] > _ENOUGH:
+            if middle.compare(prepared[1], guess.T)[0] > CLEARLY_ALIKE:
                 return guess
             guesses.append(guess)
         if len(starts) == 1:
@@ -176,8 +178,10 @@ class Aligner:
         """The guess that explains an image best, each followed at the middle resolution."""
         middle = self.levels[1]
         found = [middle.descend(prepared[1], guess, _N_COMPARED) for guess in guesses]
-        scale = min(middle.scale(prepared[1], guess) for guess in found)
-        return min(found, key=lambda guess: middle.cost(prepared[1], guess, scale))
+        explained = [middle.linearise(prepared[1], guess) for guess in found]
+        scale = min(scale for *_, scale in explained)
+        costs = [np.minimum((r / (CUT * scale)) ** 2, 1).mean() for _, r, *_ in explained]
+        return found[int(np.argmin(costs))]
 
     def view_shift(self, T: Array) -> float:
         """How far a motion of the camera moves what is seen, roughly, [rad]."""

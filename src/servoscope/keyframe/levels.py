@@ -189,15 +189,6 @@ class Level:
         H[np.diag_indices(6)] += 1 / PRIOR**2
         return H, g
 
-    def cost(self, image: Floats, guess: Guess, scale: float) -> float:
-        """Mean square of residuals in standard deviations, each 1 at most; unseen ones count 1."""
-        _, residuals, _, _ = self.linearise(image, guess)
-        return float(np.minimum((residuals / (CUT * scale)) ** 2, 1).mean())
-
-    def scale(self, image: Floats, guess: Guess) -> float:
-        """Robust standard deviation of the residuals, [grey]."""
-        return self.linearise(image, guess)[3]
-
     def compare(self, image: Floats, T: Array) -> tuple[float, float]:
         """Mean correlation of blocks with what is expected there, and the share that is seen.
 

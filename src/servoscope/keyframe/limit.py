@@ -24,7 +24,7 @@ _BLURS = 0.0, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0
 """[px]: the first is taken that leaves noise little; none if it is noise alone."""
 
 _MOST_BLUR = 0.025
-"""[image widths]: what is left after more is too little to be told from noise."""
+"""[image widths]: what is left after more is too little to differ from noise."""
 
 _MOST_BLURRED, _MOST_NOISE = 0.2, 0.5
 """Shares of the squares of slopes that are noise: of a blurred image, and in what is read."""

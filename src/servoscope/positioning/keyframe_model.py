@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from servoscope.dataset import PoseImageSet
 from servoscope.errors import DataSetError, InvalidInputError
 from servoscope.keyframe import Alignment, Keyframe, held_out_looks
+from servoscope.keyframe.alignment import CLEARLY_ALIKE
 from servoscope.poses import DISPLAY_FACTORS, DOFS, inverse_transform
 from servoscope.positioning.calibration import Calibration
 from servoscope.positioning.first_guess import FirstGuess
@@ -44,7 +45,6 @@ _MOST_IMAGES = 90
 _FARTHEST = 1.5
 """Shares of the reach beyond which nothing is read."""
 
-_CLEARLY_ALIKE = 0.85
 _MOST_OPTIMISTIC = 5.0
 _N_GROUPS = 3
 _NORMAL_QUANTILE_90 = 1.645
@@ -132,7 +132,7 @@ class KeyframeModel:
         options = (calibration or Calibration()).options(is_sequence=data.split == "blocks")
         options["pivot"] = data.pivot
         try:
-            groups = independent_groups(_of(data, shown), _N_GROUPS).labels
+            groups = independent_groups(data.subset(shown), _N_GROUPS).labels
             held = groups >= 0
             looks = held_out_looks(
                 images[held], poses[held], *reference, groups[held],
@@ -193,7 +193,7 @@ class KeyframeModel:
                 return near
         starts = None if self.first_guess is None else self.first_guess(image)
         found = self.keyframe.align(image, starts)
-        if starts is not None and found.similarity < _CLEARLY_ALIKE:
+        if starts is not None and found.similarity < CLEARLY_ALIKE:
             found = max(found, self.keyframe.align(image), key=lambda found: found.similarity)
         return self._as_estimate(image, found)
 
@@ -266,17 +266,6 @@ class KeyframeModel:
             keyframe, reach, dict(header["trained_on"]), dict(header["accuracy"]),
             arrays.get(RESIDUAL), first_guess,
         )  # fmt: skip
-
-
-def _of(data: PoseImageSet, indices: NDArray[np.intp]) -> PoseImageSet:
-    """Some images of a set."""
-    return replace(
-        data,
-        images=data.images[indices],
-        T_world_cam=data.T_world_cam[indices],
-        names=[data.names[int(i)] for i in indices],
-        times=None if data.times is None else data.times[indices],
-    )
 
 
 def parts_of(arrays: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, NDArray[Any]]]:

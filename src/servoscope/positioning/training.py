@@ -137,15 +137,7 @@ def within_range(data: PoseImageSet) -> PoseImageSet:
         ServoscopeWarning,
         stacklevel=3,
     )
-    inside = np.flatnonzero(~is_outlier)
-    return replace(
-        data,
-        images=data.images[inside],
-        T_world_cam=data.T_world_cam[inside],
-        names=[data.names[int(i)] for i in inside],
-        pivot_ranges=data.ranges(),
-        times=None if data.times is None else data.times[inside],
-    )
+    return replace(data.subset(np.flatnonzero(~is_outlier)), pivot_ranges=data.ranges())
 
 
 def _keyframe(

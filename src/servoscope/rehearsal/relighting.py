@@ -1,4 +1,4 @@
-"""The reference view under lamps that stand elsewhere, as far as its relief tells."""
+"""The reference view under lamps that stand elsewhere, as far as its relief is known."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ from servoscope.poses import poses_from_displacements
 from servoscope.positioning.keyframe_model import KeyframeModel
 from servoscope.rehearsal.relighting import light_change
 from servoscope.rehearsal.true_view import OwnErrors, TrueView
+from servoscope.robots.free_camera import FreeMotion
 from servoscope.robots.late_images import LateImages
 from servoscope.robots.registry import SimulatedRobot
 from servoscope.scene.falloff import Falloff
@@ -24,7 +25,7 @@ _VIEWS = 31
 """What random numbers are drawn for: the views of a rehearsal."""
 
 
-class RenderedCell:
+class RenderedCell(FreeMotion):
     """A robot whose camera sees a `TrueView`; its poses are displacements from the reference.
 
     Parameters
@@ -51,32 +52,12 @@ class RenderedCell:
         seed: int,
         rng: np.random.Generator,
     ) -> None:
-        self.view, self.condition, self.rng = view, condition, rng
+        super().__init__(displacement, condition.repeatability, rng)
+        self._noise_rng = rng
+        self.view, self.condition = view, condition
         self.noise = float(np.hypot(condition.gain * noise, condition.noise))
         self.seed = seed
         self._disturbances = condition.disturbances()
-        self._commanded = self._reached = np.array(displacement, dtype=float)
-
-    @property
-    def pose(self) -> Array:
-        """Where it was last sent, (4, 4), [m]."""
-        return self._commanded.copy()
-
-    @property
-    def true_pose(self) -> Array:
-        """Where it is, (4, 4), [m]."""
-        return self._reached.copy()
-
-    def move(self, displacement: ArrayLike) -> Array:
-        """Move by a displacement (4, 4) in its own frame, [m]; returns the one it was sent."""
-        executed = np.array(displacement, dtype=float)
-        self.move_to(self._commanded @ executed)
-        return executed
-
-    def move_to(self, pose: ArrayLike) -> None:
-        """Move to a displacement from the reference (4, 4), [m]."""
-        self._commanded = np.array(pose, dtype=float)
-        self._reached = self.condition.repeatability.disturb(self._commanded, self.rng)
 
     def read(self) -> NDArray[np.uint8]:
         """The image from where it is."""
@@ -85,7 +66,7 @@ class RenderedCell:
             shaded = Falloff(*self.condition.falloff, seed=self.seed).shade(clean.astype(float))
             clean = np.rint(shaded.clip(0, 255)).astype(np.uint8)
         disturbed = self._disturbances.disturb(clean, np.random.default_rng(self.seed))
-        grey = disturbed + added_noise(clean.shape, self.noise, self.rng)
+        grey = disturbed + added_noise(clean.shape, self.noise, self._noise_rng)
         return np.rint(grey.clip(0, 255)).astype(np.uint8)
 
 

@@ -49,7 +49,62 @@ class Repeatability:
         return np.asarray(T_world_cam) @ rigid_transform(rotation, self.position * error[:3])
 
 
-class FreeCamera:
+class FreeMotion:
+    """What moves freely, and comes to rest near where it is sent.
+
+    Parameters
+    ----------
+    T_world_cam : array of shape (4, 4)
+        Where it starts, exactly, [m].
+    repeatability : Repeatability
+    rng : Generator or None
+        Draws the errors of motion; without it there are none.
+    """
+
+    def __init__(
+        self,
+        T_world_cam: ArrayLike,
+        repeatability: Repeatability,
+        rng: np.random.Generator | None,
+    ) -> None:
+        self.repeatability, self.rng = repeatability, rng
+        self._commanded = self._reached = np.array(T_world_cam, dtype=float)
+
+    @property
+    def pose(self) -> Array:
+        """``T_world_cam`` as the robot believes it, (4, 4), [m]: where it was last sent."""
+        return self._commanded.copy()
+
+    @property
+    def true_pose(self) -> Array:
+        """``T_world_cam`` as it is, (4, 4), [m]: what a simulation knows and a robot does not."""
+        return self._reached.copy()
+
+    def move(self, displacement: ArrayLike) -> Array:
+        """Move by a displacement (4, 4) in the camera's own frame, [m].
+
+        Returns
+        -------
+        ndarray of shape (4, 4)
+            The displacement that was executed, as the robot believes: the one it was sent, [m].
+
+        Raises
+        ------
+        InvalidInputError
+            If it is no rigid transform.
+        """
+        executed = as_rigid(displacement, "displacement")
+        self.move_to(self._commanded @ executed)
+        return executed
+
+    def move_to(self, T_world_cam: ArrayLike) -> None:
+        """Move to a pose (4, 4), [m]; raises what `move` raises."""
+        self._commanded = self._reached = as_rigid(T_world_cam, "T_world_cam")
+        if self.rng is not None:
+            self._reached = self.repeatability.disturb(self._commanded, self.rng)
+
+
+class FreeCamera(FreeMotion):
     """The camera of a simulated cell, moved freely.
 
     Parameters
@@ -76,43 +131,8 @@ class FreeCamera:
         repeatability: Repeatability | None = None,
         rng: np.random.Generator | None = None,
     ) -> None:
+        super().__init__(T_world_cam, repeatability or Repeatability(), rng)
         self.scene = scene
-        self.repeatability = Repeatability() if repeatability is None else repeatability
-        self.rng = rng
-        self._commanded = self._reached = np.array(T_world_cam, dtype=float)
-
-    @property
-    def pose(self) -> Array:
-        """``T_world_cam`` as the robot believes it, (4, 4), [m]: where it was last sent."""
-        return self._commanded.copy()
-
-    @property
-    def true_pose(self) -> Array:
-        """``T_world_cam`` as it is, (4, 4), [m]: what a simulation knows and a robot does not."""
-        return self._reached.copy()
-
-    def move(self, displacement: ArrayLike) -> Array:
-        """Move by a displacement (4, 4) in the camera's own frame, [m].
-
-        Returns
-        -------
-        ndarray of shape (4, 4)
-            The displacement that was executed, as the robot believes: the one it was told, [m].
-
-        Raises
-        ------
-        InvalidInputError
-            If it is no rigid transform.
-        """
-        executed = as_rigid(displacement, "displacement")
-        self.move_to(self._commanded @ executed)
-        return executed
-
-    def move_to(self, T_world_cam: ArrayLike) -> None:
-        """Move to a pose (4, 4), [m]; raises what `move` raises."""
-        self._commanded = self._reached = as_rigid(T_world_cam, "T_world_cam")
-        if self.rng is not None:
-            self._reached = self.repeatability.disturb(self._commanded, self.rng)
 
     def read(self) -> NDArray[np.uint8]:
         """The image from where the camera is, (image_size, image_size)."""
