@@ -45,7 +45,7 @@ def test_from_anywhere_in_the_range_it_arrives_in_a_few_moves() -> None:
     runs = [run(camera_model(), Cell(p * RANGES)) for p in starts(0.9, 12)]
     assert [result.status for result, _ in runs] == ["converged"] * 12
     assert all(is_there(cell.pose) for _, cell in runs)
-    assert np.median([result.moves for result, _ in runs]) <= 6
+    assert np.median([result.moves for result, _ in runs]) <= 7
 
 
 class DisturbedCamera:
@@ -109,7 +109,7 @@ def test_with_the_camera_on_an_unknown_mount_it_arrives_all_the_same() -> None:
     runs = [run(flange_model(), cell) for cell in cells]
     assert [result.status for result, _ in runs] == ["converged"] * 12
     assert all(is_there(cell.pose @ T_FLANGE_CAM) for cell in cells)
-    assert np.median([result.moves for result, _ in runs]) <= 6
+    assert np.median([result.moves for result, _ in runs]) <= 7
 
 
 def test_told_the_poses_of_another_frame_than_that_of_training_it_is_stopped_or_fails() -> None:

@@ -76,6 +76,7 @@ def position(
     tolerance: Tolerance = "",
     repeatability_mm: float = 0.0,
     repeatability_deg: float = 0.0,
+    final_images: int = 8,
     read_timeout_s: float = 5.0,
     first_read_timeout_s: float = 30.0,
     move_timeout_s: float = 60.0,
@@ -102,6 +103,7 @@ def position(
         tolerance_deg: Angle to get under.
         repeatability_mm: How far from where it is sent the robot comes to rest, if that is known.
         repeatability_deg: The same for its rotation.
+        final_images: Images that are averaged where the camera seems to have arrived.
         read_timeout_s: How long an image or a pose may take.
         first_read_timeout_s: How long the first image may take.
         move_timeout_s: How long a move may take.
@@ -130,6 +132,7 @@ def position(
         tolerances=parse_wishes(tolerance),
         repeatability_mm=repeatability_mm,
         repeatability_deg=repeatability_deg,
+        final_images=final_images,
         read_timeout_s=read_timeout_s,
         first_read_timeout_s=first_read_timeout_s,
         move_timeout_s=move_timeout_s,

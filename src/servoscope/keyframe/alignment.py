@@ -24,7 +24,9 @@ from servoscope.poses import displacements_from_poses, inverse_transform, rigid_
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-_LEVELS = ((32, 1.0, 10), (64, 0.7, 8), (128, 1.0, 6))
+_LEVELS = ((32, 1.0, 10, 0.01), (64, 0.7, 8, 0.1), (128, 1.0, 6, 0.02))
+"""Width [px], blur [px], most steps, and the step that is the last [px]."""
+
 CLEARLY_ALIKE = 0.85
 """The similarity above which no other start is tried."""
 
@@ -40,8 +42,14 @@ _LEAST_SLOPE = 0.1
 _REGISTRATION = 0.035
 """Standard deviation of the place of a block of the view beside the middles of pixels, [px]."""
 
+_BETWEEN = 0.25
+"""Displacements of that much bring all of it, [px]: grey levels are then between pixels."""
+
 _RELIT = 0.4
 """The same in a light as uneven as the reference's grey levels are, [px]."""
+
+_BLURRED = 0.3
+"""The same for a defocus of the whole Laplacian, [px]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +119,7 @@ class Aligner:
         self.mount, self.pivot, self.model_error = mount, pivot, model_error
         self._inverse_depth = float(np.median(inverse_depth))
         self.levels = []
-        for (width, sigma, _), k, stiffness in zip(_LEVELS, _NODES, _STIFFNESS, strict=True):
+        for (width, sigma, *_), k, stiffness in zip(_LEVELS, _NODES, _STIFFNESS, strict=True):
             view = View.of(reference_image, min(width, reference_image.shape[1]), sigma)
             depth, weight = view.resize(inverse_depth), view.resize(trust)
             k = max(2, min(k, round(np.sqrt(view.grey.size) / _NODE_PX)))
@@ -136,10 +144,10 @@ class Aligner:
             guess = self._best(prepared, self._screened(prepared, self.starts, _N_STARTS))
         else:
             guess = self._from(prepared, list(inverse_transform(conjugate(self.mount, starts))))
-        for level, grey, (_, _, n_steps) in zip(
+        for level, grey, (_, _, *end) in zip(
             self.levels[1:], prepared[1:], _LEVELS[1:], strict=True
         ):
-            guess = level.descend(grey, guess, n_steps)
+            guess = level.descend(grey, guess, *end)
         similarity, share_visible = self.levels[1].compare(prepared[1], guess.T)
         displacement = conjugate(inverse_transform(self.mount), inverse_transform(guess.T))
         (delta_p,) = displacements_from_poses(np.eye(4), displacement[None], self.pivot)
@@ -154,7 +162,7 @@ class Aligner:
         """
         middle, guesses = self.levels[1], []
         for T in starts:
-            guess = middle.descend(prepared[1], middle.start(T), _N_GUESSED)
+            guess = middle.descend(prepared[1], middle.start(T), _N_GUESSED, _LEVELS[1][3])
             if middle.compare(prepared[1], guess.T)[0] > CLEARLY_ALIKE:
                 return guess
             guesses.append(guess)
@@ -177,7 +185,8 @@ class Aligner:
     def _best(self, prepared: Sequence[Floats], guesses: Sequence[Guess]) -> Guess:
         """The guess that explains an image best, each followed at the middle resolution."""
         middle = self.levels[1]
-        found = [middle.descend(prepared[1], guess, _N_COMPARED) for guess in guesses]
+        end = _N_COMPARED, _LEVELS[1][3]
+        found = [middle.descend(prepared[1], guess, *end) for guess in guesses]
         explained = [middle.linearise(prepared[1], guess) for guess in found]
         scale = min(scale for *_, scale in explained)
         costs = [np.minimum((r / (CUT * scale)) ** 2, 1).mean() for _, r, *_ in explained]
@@ -206,8 +215,13 @@ class Aligner:
         information = ((alone * w[:, None]).T @ J).astype(float)
         bread = np.linalg.inv(max(slope, _LEAST_SLOPE) * information + np.diag(1 / PRIOR**2))
         shift = self.view_shift(guess.T)
-        apart = min(1.0, shift * level.camera.f * level.view.width)
-        misplaced = np.hypot(_REGISTRATION * apart, _RELIT * guess.light.unevenness(level.grey))
+        apart = min(1.0, shift * level.camera.f * level.view.width / _BETWEEN)
+        errors = (
+            _REGISTRATION * apart,
+            _RELIT * guess.light.unevenness(level.grey),
+            _BLURRED * guess.light.defocus,
+        )
+        misplaced = float(np.linalg.norm(errors))
         meat = np.diag(1 / PRIOR**2)
         for error in (r, *(misplaced / level.view.width * level.slopes.T)):
             scores = (alone * (w * error)[:, None]).T

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ _EQUAL_CELLS, _EQUAL_SHIFT, _EQUAL_SIGNIFICANCE = 0.9, 2e-3, 2.0
 _EQUAL_DIFFERENCE, _EQUAL_STRUCTURE = 0.2, 1.5
 _OTHERWISE, _OTHER_LIGHT = 2.5, 4.0
 _FLOOR_LOOKS = 4
+_SIGNIFICANT = 1.5
 _FLOOR_SHRINKAGE = 0.7
 
 
@@ -103,6 +105,65 @@ def is_noise_only(estimates: Sequence[Estimate], pivot: float, settings: LoopSet
         and all(_is_noise(estimate, pivot, settings) for estimate in last)
         and last[1].distance >= 0.5 * last[0].distance
     )
+
+
+class Mean(NamedTuple):
+    """What several images from one pose say together.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Of the mean displacement.
+    asks_for_a_move : bool
+        Whether the mean is more than its own noise and the robot's scatter, and not under a
+        tolerance that was asked for.
+    """
+
+    estimate: Estimate
+    asks_for_a_move: bool
+
+
+def is_averaged(estimate: Estimate, pivot: float, settings: LoopSettings) -> bool:
+    """Whether more images from the same pose can say more than one."""
+    return (
+        estimate.is_finest
+        and not settings.is_coarse
+        and settings.final_images > 2
+        and bool(np.isfinite(estimate.std).all())
+        and (is_at_hand(estimate.displacement, settings) or _is_noise(estimate, pivot, settings))
+    )
+
+
+def averaged(
+    estimates: Sequence[Estimate], pivot: float, settings: LoopSettings, scatter: Array | None
+) -> Mean:
+    """The mean of estimates from one pose.
+
+    What they scatter by falls with their number; what else is believed of one stays as it is.
+
+    Parameters
+    ----------
+    estimates : sequence of Estimate
+        Three at least.
+    pivot : float
+        [m].
+    settings : LoopSettings
+    scatter : ndarray of shape (6,) or None
+        Of the robot, as far as it was seen, about the pivot, [m] and [rad].
+    """
+    displacements = np.stack([estimate.displacement for estimate in estimates])
+    delta_p = displacements_from_poses(np.eye(4), displacements, pivot)
+    mean, noise = delta_p.mean(axis=0), delta_p.var(axis=0, ddof=1)
+    believed = np.mean([estimate.std**2 for estimate in estimates], axis=0)
+    of_mean = noise / len(estimates)
+    displacement = poses_from_displacements(np.eye(4), mean[None], pivot)[0]
+    robot = settings.repeatability(pivot) if scatter is None else scatter
+    known = of_mean + robot**2
+    size = np.sqrt(np.mean(mean[known > 0] ** 2 / known[known > 0])) if (known > 0).any() else 0.0
+    is_asked_for = settings.has_tolerance and is_within_tolerance(displacement, settings, pivot)
+    std = np.sqrt(np.maximum(believed - noise, 0.0) + of_mean)
+    estimate = replace(estimates[-1], displacement=displacement, std=std)
+    return Mean(estimate, bool(size > _SIGNIFICANT) and not is_asked_for)
 
 
 def is_equal(comparison: Comparison) -> bool:

@@ -16,7 +16,7 @@ from servoscope.positioning.consistency import CAUSES, LATE, Innovation, innovat
 from servoscope.positioning.devices import Interruption, RunEnded, WatchedCamera, WatchedRobot
 from servoscope.positioning.guard import as_text
 from servoscope.positioning.interfaces import Array, Camera, Estimate, Estimator, Image, Robot
-from servoscope.positioning.reference_view import ReferenceView
+from servoscope.positioning.reference_view import Comparison, ReferenceView
 from servoscope.positioning.result import PositioningResult, Step
 from servoscope.positioning.settings import ORDINARY_MISS, LoopSettings
 from servoscope.wording import one_line
@@ -25,6 +25,7 @@ OnStep = Callable[[Step, Image], object]
 
 _RETURNING = ("diverged", "max_moves")
 _MOST_UNCONFIRMED = 2
+_MOST_CORRECTIONS = 2
 _FAR = 0.1
 _LEAST_SEEN = 0.05
 _SAME_CELLS = 0.9
@@ -65,7 +66,7 @@ class Run:
         self._moved_after: list[tuple[Step, Image]] = []
         self._contradicted_by: str | None = None
         self._is_late = False
-        self._n_doubts, self._n_unsteady = 0, 0
+        self._n_doubts, self._n_unsteady, self._n_corrections = 0, 0, 0
         self._last_change: tuple[Image, Array] | None = None
         self._last_image: Image = estimator.reference_image
 
@@ -143,7 +144,8 @@ class Run:
         estimate = self._estimate(image)
         self.steps.append(Step(pose, error, estimate, None, None, np.nan, comparison))
         decision = self._decision()
-        if isinstance(decision, RunEnded) and decision.status in _ARRIVED:
+        has_arrived = isinstance(decision, RunEnded) and decision.status in _ARRIVED
+        if has_arrived or (self._n_corrections and not isinstance(decision, RunEnded)):
             decision = self._confirmed(decision, image)
         commanded = None if isinstance(decision, RunEnded) else decision
         seconds = time.perf_counter() - start
@@ -154,18 +156,29 @@ class Run:
             raise decision
         return decision
 
-    def _confirmed(self, arrived: RunEnded, image: Image) -> RunEnded | None:
-        """The end of a run if a second image from the same pose shows the same.
+    def _confirmed(
+        self, decision: Array | RunEnded | None, image: Image
+    ) -> Array | RunEnded | None:
+        """The decision that more images from the same pose lead to.
 
         A late camera first shows where the robot was before. Where the images differ two are
-        taken from then on.
+        taken from then on. The mean of what all of them say is less noisy than the first.
         """
-        second = self.camera.read()
-        if reason := guard.exposure_fault(second, self.estimator.reference_image):
-            return RunEnded("camera_fault", reason)
-        compared = ReferenceView(image).compare(second)
-        if not arrival.is_displaced(compared):
-            return arrived
+        first, estimates = ReferenceView(image), [self.steps[-1].estimate]
+        is_averaged = arrival.is_averaged(estimates[0], self.estimator.pivot, self.settings)
+        for _ in range(1, max(2, self.settings.final_images if is_averaged else 2)):
+            image = self.camera.read()
+            if reason := guard.exposure_fault(image, self.estimator.reference_image):
+                return RunEnded("camera_fault", reason)
+            compared = first.compare(image)
+            if arrival.is_displaced(compared):
+                return self._unsteady(compared)
+            if is_averaged:
+                estimates.append(self._estimate(image))
+        return self._averaged(estimates) if is_averaged else decision
+
+    def _unsteady(self, compared: Comparison) -> RunEnded | None:
+        """The end of a run whose view moves while the robot stands, once that is certain."""
         self._is_late = True
         self._n_unsteady += 1
         if self._n_unsteady < _MOST_UNCONFIRMED:
@@ -180,6 +193,19 @@ class Run:
             "that the camera gives new images."
         )
         return RunEnded("abstained", reason)
+
+    def _averaged(self, estimates: list[Estimate]) -> Array | RunEnded | None:
+        """The end of a run by the mean of several estimates, or the move that it asks for."""
+        settings, pivot = self.settings, self.estimator.pivot
+        mean = arrival.averaged(
+            estimates, pivot, settings, arrival.scatter(self.steps, settings, pivot)
+        )
+        self.steps[-1] = replace(self.steps[-1], estimate=mean.estimate)
+        may_move = self._n_corrections < _MOST_CORRECTIONS
+        if may_move and self.robot.moves < settings.max_moves and mean.asks_for_a_move:
+            self._n_corrections += 1
+            return self._next_move(mean.estimate)
+        return self._arrival(is_settled=True)
 
     def _report(self, image: Image) -> None:
         if self.on_step is None:
@@ -292,8 +318,8 @@ class Run:
         delta_p = displacements_from_poses(np.eye(4), estimate.displacement[None], pivot)[0]
         return not estimate.is_finest and bool((np.abs(delta_p) > _FAR * reach).any())
 
-    def _arrival(self) -> RunEnded | None:
-        """The end of a run that has arrived, or can come no nearer."""
+    def _arrival(self, *, is_settled: bool = False) -> RunEnded | None:
+        """The end of a run that has arrived, or can come no nearer, which may be known before."""
         settings, pivot = self.settings, self.estimator.pivot
         estimate, estimates = self.steps[-1].estimate, [step.estimate for step in self.steps]
         excess = arrival.supports(estimate, settings, pivot)
@@ -302,7 +328,7 @@ class Run:
         if not is_there and settings.is_coarse and arrival.is_back(self.steps):
             return self._as_near_as_the_robot_allows("It is back at a pose where it was.")
         allowed_by, note = "the noise", ""
-        if not is_there and not arrival.is_noise_only(estimates, pivot, settings):
+        if not (is_there or is_settled or arrival.is_noise_only(estimates, pivot, settings)):
             scatter = arrival.scatter(self.steps, settings, pivot)
             if scatter is None:
                 self._n_doubts = 0

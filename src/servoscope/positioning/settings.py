@@ -62,6 +62,9 @@ class LoopSettings:
         What is seen after a move may differ from what the move led to expect by this share of it,
         if noise cannot explain the difference; None where displacements of the estimator are only
         directions, and cannot be checked.
+    final_images : int
+        So many images are taken where the camera seems to have arrived, and what they say is
+        averaged: the noise of one is left in the end otherwise.
     largest_shift : float
         The most that the view may be displaced from the reference for the camera to have arrived,
         as the median over its matched cells, as a share of the longer side of the image.
@@ -107,6 +110,7 @@ class LoopSettings:
     least_usable: float = 0.7
     least_matched: float = 0.5
     largest_innovation: float | None = 0.75
+    final_images: int = 8
     largest_shift: float = 0.01
     growth: float = 0.05
     patience: int = 5
@@ -138,7 +142,7 @@ class LoopSettings:
                 raise InvalidInputError(
                     f"{name} must be a finite number that is not negative, got {value!r}."
                 )
-        for name in ("max_moves", "patience"):
+        for name in ("max_moves", "patience", "final_images"):
             value = getattr(self, name)
             if value != int(value):
                 raise InvalidInputError(f"{name} must be a whole number, got {value!r}.")
@@ -161,6 +165,13 @@ class LoopSettings:
     def is_coarse(self) -> bool:
         """Whether they are for a robot that can only go to some poses."""
         return self.execution_share is None
+
+    @property
+    def has_tolerance(self) -> bool:
+        """Whether any tolerance was asked for."""
+        return not (self.tolerance_mm is None and self.tolerance_deg is None) or bool(
+            self.tolerances
+        )
 
     def repeatability(self, pivot: float) -> Array:
         """Standard deviation that the robot's scatter makes of each dof, (6,), [m] and [rad]."""
