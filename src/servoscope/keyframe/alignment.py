@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +25,17 @@ from servoscope.poses import displacements_from_poses, inverse_transform, rigid_
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-_LEVELS = ((32, 1.0, 10, 0.01), (64, 0.7, 8, 0.1), (128, 1.0, 6, 0.02))
-"""Width [px], blur [px], most steps, and the step that is the last [px]."""
 
+class _Stage(NamedTuple):
+    """Width and blur of a level [px], most steps, and the step that is the last [px]."""
+
+    width: int
+    sigma: float
+    n_steps: int
+    tolerance: float
+
+
+_LEVELS = (_Stage(32, 1.0, 10, 0.01), _Stage(64, 0.7, 8, 0.1), _Stage(128, 1.0, 6, 0.02))
 CLEARLY_ALIKE = 0.85
 """The similarity above which no other start is tried."""
 
@@ -124,7 +133,7 @@ class Aligner:
             depth, weight = view.resize(inverse_depth), view.resize(trust)
             k = max(2, min(k, round(np.sqrt(view.grey.size) / _NODE_PX)))
             self.levels.append(
-                Level(view, camera, depth, weight, k, stiffness, width == _LEVELS[-1][0])
+                Level(view, camera, depth, weight, k, stiffness, width == _LEVELS[-1].width)
             )
         first = self.levels[0]
         grey = evened(first.view.grey)
@@ -144,10 +153,8 @@ class Aligner:
             guess = self._best(prepared, self._screened(prepared, self.starts, _N_STARTS))
         else:
             guess = self._from(prepared, list(inverse_transform(conjugate(self.mount, starts))))
-        for level, grey, (_, _, *end) in zip(
-            self.levels[1:], prepared[1:], _LEVELS[1:], strict=True
-        ):
-            guess = level.descend(grey, guess, *end)
+        for level, grey, stage in zip(self.levels[1:], prepared[1:], _LEVELS[1:], strict=True):
+            guess = level.descend(grey, guess, stage.n_steps, stage.tolerance)
         similarity, share_visible = self.levels[1].compare(prepared[1], guess.T)
         displacement = conjugate(inverse_transform(self.mount), inverse_transform(guess.T))
         (delta_p,) = displacements_from_poses(np.eye(4), displacement[None], self.pivot)
@@ -162,7 +169,7 @@ class Aligner:
         """
         middle, guesses = self.levels[1], []
         for T in starts:
-            guess = middle.descend(prepared[1], middle.start(T), _N_GUESSED, _LEVELS[1][3])
+            guess = middle.descend(prepared[1], middle.start(T), _N_GUESSED, _LEVELS[1].tolerance)
             if middle.compare(prepared[1], guess.T)[0] > CLEARLY_ALIKE:
                 return guess
             guesses.append(guess)
@@ -178,15 +185,15 @@ class Aligner:
         for level, image in ((self.levels[0], prepared[0]), (self._evened, evened(prepared[0]))):
             scores = [level.correlation(image, T) for T in starts]
             for k in np.argsort(scores, kind="stable")[::-1][:n_starts]:
-                coarse = level.descend(image, level.start(starts[k]), _LEVELS[0][2])
+                coarse = level.descend(image, level.start(starts[k]), _LEVELS[0].n_steps)
                 guesses.append(middle.start(coarse.T))
         return guesses
 
     def _best(self, prepared: Sequence[Floats], guesses: Sequence[Guess]) -> Guess:
         """The guess that explains an image best, each followed at the middle resolution."""
         middle = self.levels[1]
-        end = _N_COMPARED, _LEVELS[1][3]
-        found = [middle.descend(prepared[1], guess, *end) for guess in guesses]
+        tolerance = _LEVELS[1].tolerance
+        found = [middle.descend(prepared[1], guess, _N_COMPARED, tolerance) for guess in guesses]
         explained = [middle.linearise(prepared[1], guess) for guess in found]
         scale = min(scale for *_, scale in explained)
         costs = [np.minimum((r / (CUT * scale)) ** 2, 1).mean() for _, r, *_ in explained]

@@ -42,7 +42,7 @@ LEAST_IMAGES = 15
 """Images that a model needs, so that some can be held out."""
 
 _MOST_IMAGES = 90
-_FARTHEST = 1.5
+_FARTHEST = 2.0
 """Shares of the reach beyond which nothing is read."""
 
 _MOST_OPTIMISTIC = 5.0

@@ -328,18 +328,20 @@ class Run:
         if not is_there and settings.is_coarse and arrival.is_back(self.steps):
             return self._as_near_as_the_robot_allows("It is back at a pose where it was.")
         allowed_by, note = "the noise", ""
-        if not (is_there or is_settled or arrival.is_noise_only(estimates, pivot, settings)):
+        if not (is_there or arrival.is_noise_only(estimates, pivot, settings)):
             scatter = arrival.scatter(self.steps, settings, pivot)
-            if scatter is None:
+            if scatter is None and not is_settled:
                 self._n_doubts = 0
                 return None
-            rest = arrival.Reached.of_deviation(scatter, pivot)
-            allowed_by = "the robot"
-            note = (
-                f" It comes to rest {rest.mm:.2f} mm and {rest.deg:.3f} deg from where it is sent."
-            )
-            if rest.mm > ORDINARY_MISS["mm"] or rest.deg > ORDINARY_MISS["deg"]:
-                return self._as_near_as_the_robot_allows(note)
+            if scatter is not None:
+                rest = arrival.Reached.of_deviation(scatter, pivot)
+                allowed_by = "the robot"
+                note = (
+                    f" It comes to rest {rest.mm:.2f} mm and {rest.deg:.3f} deg from where it is "
+                    "sent."
+                )
+                if rest.mm > ORDINARY_MISS["mm"] or rest.deg > ORDINARY_MISS["deg"]:
+                    return self._as_near_as_the_robot_allows(note)
         if found := arrival.doubts(self.steps[-1], settings):
             return self._unconfirmed(found) if is_within else None
         caution = arrival.caution(self.steps[-1])
