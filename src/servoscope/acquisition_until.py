@@ -281,9 +281,7 @@ def _take_all(
         names=[f"{i:06d}" for i in range(len(images))],
         times=None,
         meta={
-            "pivot": pivot,
-            "pivot_ranges": ranges,
-            "split": "random",
+            **config.meta(T_world_ref),
             "source": {
                 **plan,
                 "n_images": len(images),
