@@ -23,7 +23,13 @@ from servoscope.keyframe.checks import (
     rigid,
     rigid_stack,
 )
-from servoscope.keyframe.fitting import Known, chosen_images, evenly_spread, fit_state
+from servoscope.keyframe.fitting import (
+    Known,
+    chosen_images,
+    evenly_spread,
+    fit_state,
+    turning_state,
+)
 from servoscope.keyframe.limit import ViewLimit, pixel_noise, view_limit
 from servoscope.keyframe.motion import conjugate
 from servoscope.keyframe.rendering import Renderer
@@ -186,10 +192,19 @@ class Keyframe:
             check_dofs(dofs),
         )
         if keyframe._reads_only_rotations():
-            far = np.full_like(keyframe.inverse_depth, _FAR)
-            turned = state.mount.copy()
-            turned[:3, 3] = 0 if start is None else start[:3, 3]
-            keyframe = replace(keyframe, inverse_depth=far, mount=turned)
+            lever = np.zeros(3) if start is None else start[:3, 3]
+            with one_blas_thread():
+                turning = turning_state(
+                    state, lever, images[chosen], displacements[chosen], reference_image, priors
+                )
+            keyframe = replace(
+                keyframe,
+                camera=turning.state.camera,
+                mount=turning.state.mount,
+                inverse_depth=np.full_like(keyframe.inverse_depth, _FAR),
+                trust=np.asarray(turning.trust, dtype=np.float32),
+                residual=turning.cost,
+            )
         with one_blas_thread():
             return replace(keyframe, model_error=keyframe._find_model_error(images[chosen]))
 
