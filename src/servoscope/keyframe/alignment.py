@@ -120,7 +120,13 @@ class Aligner:
             k = max(2, min(k, round(np.sqrt(view.grey.size) / _NODE_PX)))
             self.levels.append(
                 Level(
-                    view, camera, depth, weight, k, stiffness, width == _LEVELS[-1][0],
+                    view,
+                    camera,
+                    depth,
+                    weight,
+                    k,
+                    stiffness,
+                    width == _LEVELS[-1][0],
                     self._search,
                 )  # fmt: skip
             )

@@ -233,9 +233,12 @@ class Keyframe:
     def observable(self) -> dict[str, bool]:
         """Whether the images inform depth, mount_translation, mount_rotation and focal_length.
 
-        Some may not where only some `dofs` are read; they do not have to.
+        Where only some `dofs` are read they do not have to: depth is known up to a factor that
+        the focal length shares unless the images are displaced along, or tilt, the optical axis.
         """
-        return observable(self.covariance)
+        found = observable(self.covariance)
+        found["depth"] &= bool({"tz", "rx", "ry"} & set(self.dofs))
+        return found
 
     @cached_property
     def _aligner(self) -> Aligner:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from servoscope.poses import DOFS
 from servoscope.positioning.disturbances import Disturbances
 from servoscope.robots.free_camera import Repeatability
 from servoscope.scene.covering import Covering
@@ -71,6 +72,8 @@ class Condition:
         How many reads old the images of a trial are.
     depth_factor : float
         What the baseline is told of the depth, relative to the truth.
+    dofs : tuple of str
+        The degrees of freedom that the robot has, in training too.
     """
 
     gain: float = 1.0
@@ -85,6 +88,7 @@ class Condition:
     repeatability: Repeatability = _EXACT
     late: int = 0
     depth_factor: float = 1.0
+    dofs: tuple[str, ...] = DOFS
 
     @property
     def is_for_baseline_alone(self) -> bool:
