@@ -15,7 +15,7 @@ from servoscope.keyframe.levels import BEND, CUT, FAR, N_BLOCKS, PRIOR, Guess, L
 from servoscope.keyframe.lighting import Light
 from servoscope.keyframe.motion import conjugate, exponential, logarithm
 from servoscope.keyframe.views import View, evened
-from servoscope.poses import displacements_from_poses, inverse_transform
+from servoscope.poses import inverse_transform
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -118,18 +118,9 @@ class Aligner:
             view = View.of(reference_image, min(width, reference_image.shape[1]), sigma)
             depth, weight = view.resize(inverse_depth), view.resize(trust)
             k = max(2, min(k, round(np.sqrt(view.grey.size) / _NODE_PX)))
-            self.levels.append(
-                Level(
-                    view,
-                    camera,
-                    depth,
-                    weight,
-                    k,
-                    stiffness,
-                    width == _LEVELS[-1][0],
-                    self._search,
-                )  # fmt: skip
-            )
+            finest = width == _LEVELS[-1][0]
+            level = Level(view, camera, depth, weight, k, stiffness, finest, self._search)
+            self.levels.append(level)
         first = self.levels[0]
         grey = evened(first.view.grey)
         view = View(grey, first.view.aspect, first.view.sigma)
