@@ -18,6 +18,7 @@ ROOMS = (
     ("storage",),
     ("files", "processes", "progress", "compiled", "arrays"),
     ("poses",),
+    ("dofs",),
     ("dataset_progress",),
     ("dataset_folder",),
     ("dataset",),

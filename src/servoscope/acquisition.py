@@ -120,9 +120,7 @@ def _take_all(
         names=[f"{i:06d}" for i in range(config.total())],
         times=None,
         meta={
-            "pivot": config.pivot(T_world_ref),
-            "pivot_ranges": config.pivot_ranges(),
-            "split": "random",
+            **config.meta(T_world_ref),
             "source": {**progress.plan, "n_replaced": progress.n_replaced},
         },
     )

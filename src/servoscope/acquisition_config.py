@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.dofs import check_dofs, mask_of
 from servoscope.errors import InvalidInputError
-from servoscope.poses import inverse_transform, poses_from_displacements
+from servoscope.poses import DOFS, inverse_transform, poses_from_displacements
 from servoscope.robots.free_camera import Repeatability
 from servoscope.robots.registry import check_robot, make_robot
 from servoscope.scene.parts import make_part
@@ -56,6 +57,8 @@ class AcquisitionConfig:
     n_reference_images : int, optional
         How many images the reference image is the mean of: by default 1, as in the paper, and 16
         with a schedule.
+    dofs : tuple of str
+        The degrees of freedom that are displaced; the robot moves in no others but for its error.
 
     Raises
     ------
@@ -83,8 +86,10 @@ class AcquisitionConfig:
     variant: int = 0
     robot: str = "free"
     n_reference_images: int | None = None
+    dofs: tuple[str, ...] = DOFS
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "dofs", check_dofs(self.dofs))
         object.__setattr__(self, "schedule", check_schedule(self.schedule))
         if self.schedule and self.n_images is not None:
             raise InvalidInputError(
@@ -122,6 +127,16 @@ class AcquisitionConfig:
         """The rings that are taken; one where no schedule is given."""
         return self.schedule or (Ring(1000 if self.n_images is None else self.n_images, 1.0),)
 
+    @property
+    def is_subset(self) -> bool:
+        """Whether not all degrees of freedom are displaced."""
+        return self.dofs != DOFS
+
+    def meta(self, T_world_ref: Array) -> dict[str, Any]:
+        """What ``meta.json`` says of such a data set beside its source."""
+        meta = {"pivot": self.pivot(T_world_ref), "pivot_ranges": self.pivot_ranges()}
+        return meta | {"split": "random"} | ({"dofs": list(self.dofs)} if self.is_subset else {})
+
     def total(self) -> int:
         """How many images are taken."""
         return sum(ring.n_images for ring in self.rings())
@@ -129,7 +144,10 @@ class AcquisitionConfig:
     def plan(self) -> dict[str, Any]:
         """What is taken, as plain JSON values; equal for configs that give the same images."""
         kind = f"simulated {self.part.replace('_', ' ')}"
-        settings = {name: value for name, value in asdict(self).items() if name != "schedule"}
+        settings = asdict(self)
+        del settings["schedule"], settings["dofs"]
+        if self.is_subset:
+            settings["dofs"] = list(self.dofs)
         n_reference_images = self.n_reference_images or (16 if self.schedule else 1)
         numbers = {"n_images": self.total(), "n_reference_images": n_reference_images}
         return {"kind": kind, **settings, **numbers, "rings": format_schedule(self.rings())}
@@ -143,8 +161,9 @@ class AcquisitionConfig:
         return Repeatability(1e-3 * self.repeatability_mm, np.radians(self.repeatability_deg))
 
     def ranges(self) -> Array:
-        """Largest displacement of each dof at factor 1, shape (6,), [m] and [rad]."""
-        return np.array([1e-3 * self.translation_mm] * 3 + [np.radians(self.rotation_deg)] * 3)
+        """Largest displacement of each dof at factor 1, shape (6,), [m] and [rad]; 0 of others."""
+        ranges = [1e-3 * self.translation_mm] * 3 + [np.radians(self.rotation_deg)] * 3
+        return np.where(mask_of(self.dofs), ranges, 0.0)
 
     def pivot_ranges(self) -> Array:
         """Largest displacement of each dof in any ring, shape (6,), [m] and [rad]."""

@@ -84,13 +84,17 @@ class Standing:
 
     def facts(self) -> dict[str, Any]:
         """Plain JSON values: median errors in mm and degrees, and whether they meet the request."""
-        errors = {name: _shown(value) for name, value in vars(self.forecast).items()}
+        dofs = self.keyframe.dofs
+        errors = {name: _shown(value, dofs) for name, value in vars(self.forecast).items()}
         return {"until": str(self.request), "met": not self.lacking, **errors}
 
     def __str__(self) -> str:
-        line = f"{self.n_images} images: one look errs by {_said(self.forecast.look)} (median)"
+        dofs = self.keyframe.dofs
+        line = (
+            f"{self.n_images} images: one look errs by {_said(self.forecast.look, dofs)} (median)"
+        )
         if self.unreachable:
-            best = f"the view itself allows {_said(self.forecast.limit)} at best"
+            best = f"the view itself allows {_said(self.forecast.limit, dofs)} at best"
             asked = f"{_times(self.unreachable)}: go nearer, or look at more detail"
             return f"{line}; {best}, which is {asked}"
         return f"{line}; {_times(self.lacking) if self.lacking else 'the request is met'}"
@@ -129,7 +133,7 @@ def take_until(
     pivot : float
         [m].
     ranges : ndarray of shape (6,)
-        Largest displacements about the pivot, [m] and [rad].
+        Largest displacements about the pivot, [m] and [rad]; 0 in dofs that the robot has not.
     most : int
         Images at most.
     pose_noise : tuple of 2 floats
@@ -281,9 +285,7 @@ def _take_all(
         names=[f"{i:06d}" for i in range(len(images))],
         times=None,
         meta={
-            "pivot": pivot,
-            "pivot_ranges": ranges,
-            "split": "random",
+            **config.meta(T_world_ref),
             "source": {
                 **plan,
                 "n_images": len(images),
@@ -346,10 +348,11 @@ def _standing(
 ) -> Standing:
     """Keyframe and forecast of some images."""
     groups = np.arange(len(images)) % N_GROUPS
+    dofs = tuple(dof for dof, most in zip(DOFS, ranges, strict=True) if most > 0)
     looks = held_out_looks(
-        images, poses, reference_image, T_world_ref, groups, n_jobs=n_jobs, pivot=pivot
+        images, poses, reference_image, T_world_ref, groups, n_jobs=n_jobs, pivot=pivot, dofs=dofs
     )
-    keyframe = Keyframe.fit(images, poses, reference_image, T_world_ref, pivot=pivot)
+    keyframe = Keyframe.fit(images, poses, reference_image, T_world_ref, pivot=pivot, dofs=dofs)
     forecast = forecast_accuracy(
         keyframe,
         looks,
@@ -367,13 +370,16 @@ def _beyond(errors: Array, request: RequestedAccuracy) -> dict[str, float]:
     return {dof: float(ratio) for dof, ratio in ratios if not ratio <= 1}
 
 
-def _shown(values: Array) -> dict[str, float]:
-    return dict(zip(DOFS, (values * DISPLAY_FACTORS).tolist(), strict=True))
+def _shown(values: Array, dofs: tuple[str, ...]) -> dict[str, float]:
+    by_dof = dict(zip(DOFS, (values * DISPLAY_FACTORS).tolist(), strict=True))
+    return {dof: by_dof[dof] for dof in dofs}
 
 
-def _said(errors: Array) -> str:
-    values = zip(_shown(errors).items(), DISPLAY_UNITS, strict=True)
-    return ", ".join(f"{dof} {value:.2g} {unit}" for (dof, value), unit in values)
+def _said(errors: Array, dofs: tuple[str, ...]) -> str:
+    units = dict(zip(DOFS, DISPLAY_UNITS, strict=True))
+    return ", ".join(
+        f"{dof} {value:.2g} {units[dof]}" for dof, value in _shown(errors, dofs).items()
+    )
 
 
 def _times(ratios: dict[str, float]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from os import PathLike
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope import dataset_folder
+from servoscope.dofs import check_dofs, moving_dofs
 from servoscope.errors import DataSetError
 from servoscope.poses import (
     FARTHEST,
@@ -52,6 +54,8 @@ class PoseImageSet:
         ``"blocks"``: at random, neighbouring frames would leak from training to test.
     source : dict
         Where the images come from, as plain JSON values.
+    asked_dofs : tuple of str, optional
+        The degrees of freedom that count, instead of those that are found to move; see `dofs`.
 
     Raises
     ------
@@ -79,6 +83,7 @@ class PoseImageSet:
     times: NDArray[np.float64] | None = None
     split: str = "random"
     source: dict[str, Any] = field(default_factory=dict)
+    asked_dofs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.names:
@@ -108,6 +113,14 @@ class PoseImageSet:
         """
         pivot = self.pivot if check_displacement(displacement) == "pivot" else 0.0
         return displacements_from_poses(self.T_world_ref, self.T_world_cam, pivot)
+
+    @cached_property
+    def dofs(self) -> tuple[str, ...]:
+        """The degrees of freedom that the robot has, in `DOFS` order.
+
+        Those that were asked for, or else those that move by more than the noise of encoders.
+        """
+        return self.asked_dofs or moving_dofs(self.delta_p(), self.pivot)
 
     def moves(self, displacement: str = "pivot") -> NDArray[np.bool_]:
         """Whether each dof moves at all in the set, shape (6,); rounding does not count."""
@@ -172,6 +185,7 @@ class PoseImageSet:
                 "pivot_ranges": None if self.pivot_ranges is None else list(self.pivot_ranges),
                 "split": self.split,
                 "source": self.source,
+                **({"dofs": list(self.asked_dofs)} if self.asked_dofs else {}),
             },
         )
 
@@ -194,6 +208,7 @@ class PoseImageSet:
                 pivot_ranges=None if ranges is None else np.array(ranges, dtype=float),
                 split=meta["split"],
                 source=meta["source"],
+                asked_dofs=tuple(meta.get("dofs", ())),
             )
         except (TypeError, ValueError) as error:
             raise DataSetError(f"{folder} does not hold together: {error}") from error
@@ -229,6 +244,8 @@ def _check(data: PoseImageSet) -> None:
         raise DataSetError(f"pivot_ranges must not be below 0, got {data.pivot_ranges.tolist()}.")
     if not isinstance(data.source, dict):
         raise DataSetError(f"source must be a dict, got a {type(data.source).__name__}.")
+    if data.asked_dofs:
+        object.__setattr__(data, "asked_dofs", check_dofs(data.asked_dofs))
     if data.split not in SPLITS:
         raise DataSetError(f"split must be one of {', '.join(SPLITS)}, got {data.split!r}.")
 

@@ -14,7 +14,7 @@ from servoscope.scoreboard.conditions import CONDITIONS, SCENES
 
 NAMES = (
     "range_0.4 range_1.0 range_1.5 gain_0.8 gain_0.95 light_moved covered_10 covered_20 noise_10 "
-    "defocus depth_0.6 depth_1.5 other_casting repeatability arm stale_frames light_falloff"
+    "defocus depth_0.6 depth_1.5 other_casting repeatability arm stale_frames light_falloff planar"
 )
 PLANE = Scene(TexturedPlane(), image_size=128)
 

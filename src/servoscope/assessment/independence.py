@@ -10,6 +10,7 @@ from scipy.spatial import KDTree
 from sklearn.cluster import KMeans
 
 from servoscope.dataset import PoseImageSet
+from servoscope.dofs import mask_of
 from servoscope.errors import InvalidInputError
 from servoscope.splits import Split, split_images
 
@@ -26,9 +27,6 @@ LEAST_LEARNED = 40
 
 LEAST_PLACES = 8
 """Of fewer places there is none to test on that is not learned from."""
-
-_HARDLY_MOVES = 1e-3
-"""Motion of so small a share of the largest is that of encoders, not of the camera."""
 
 Indices = NDArray[np.intp]
 
@@ -152,9 +150,8 @@ def _whitened(data: PoseImageSet) -> NDArray[np.float64]:
 
 
 def moves_enough(data: PoseImageSet) -> NDArray[np.bool_]:
-    """Whether each dof moves more than the noise of encoders against the others, shape (6,)."""
-    spreads = _in_metres(data).std(axis=0)
-    return data.moves() & (spreads > _HARDLY_MOVES * spreads.max())
+    """Whether each dof moves by more than the noise of encoders, shape (6,)."""
+    return mask_of(data.dofs)
 
 
 def _in_metres(data: PoseImageSet) -> NDArray[np.float64]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -17,7 +18,7 @@ _FACTORS = {
 }
 
 
-def parse_wishes(text: str) -> dict[str, float]:
+def parse_wishes(text: str, dofs: Iterable[str] = DOFS) -> dict[str, float]:
     """Wished RMS errors by dof, [mm] and [deg].
 
     Parameters
@@ -25,6 +26,8 @@ def parse_wishes(text: str) -> dict[str, float]:
     text : str
         Such as ``tx=0.5mm,rz=0.1deg``; ``t`` and ``r`` stand for all three of a kind. Units are
         mm, um and m, or deg, rad and mrad. Empty for no wish at all.
+    dofs : iterable of str
+        That there are: ``t`` and ``r`` stand for these alone.
 
     Returns
     -------
@@ -35,7 +38,7 @@ def parse_wishes(text: str) -> dict[str, float]:
     ------
     InvalidInputError
         If a part is no wish, its unit is of the other kind, it is not positive, or a dof is
-        named twice.
+        named twice or is none of those there are.
 
     Examples
     --------
@@ -47,7 +50,13 @@ def parse_wishes(text: str) -> dict[str, float]:
     wishes: dict[str, float] = {}
     for part in filter(str.strip, text.split(",")):
         name, value, unit = _read(part)
-        for dof in [dof for dof in DOFS if name in (dof, dof[0])]:
+        named = [dof for dof in dofs if name in (dof, dof[0])]
+        if not named:
+            raise InvalidInputError(
+                f"A tolerance must be of a dof that there is, {', '.join(dofs)}, got "
+                f"{part.strip()!r}; leave it out."
+            )
+        for dof in named:
             if dof in wishes:
                 raise InvalidInputError(f"{dof} is named twice in {text!r}; name it once.")
             wishes[dof] = value * _factor(part, dof, unit)

@@ -26,7 +26,10 @@ def has_table(accuracy: Any) -> bool:
             rings = [(r["mm"], r["deg"], r["clean"], r["disturbed"]) for r in accuracy["rings"]]
             numbers = [x for mm, deg, *kinds in rings for x in (mm, deg, *_of_dofs(*kinds))]
         else:
-            numbers = _of_dofs(accuracy["median"], accuracy["quantile_90"])
+            dofs = list(accuracy["median"])
+            if not dofs or not set(dofs) <= set(DOFS) or dofs != list(accuracy["quantile_90"]):
+                return False
+            numbers = [accuracy[name][dof] for name in ("median", "quantile_90") for dof in dofs]
             numbers += [accuracy[name] for name in ("n_images", "residual", "noise")]
         return all(type(x) in (int, float) for x in numbers)
     except (KeyError, TypeError):
@@ -58,7 +61,9 @@ def print_accuracy(
     table = Table(
         title="Error of one look at images held out", title_justify="left", padding=(0, 1)
     )
-    dofs = list(map("{}\n[{}]".format, DOFS, DISPLAY_UNITS))
+    units = dict(zip(DOFS, DISPLAY_UNITS, strict=True))
+    names = list(accuracy["median"]) if is_keyframe else list(DOFS)
+    dofs = [f"{dof}\n[{units[dof]}]" for dof in names]
     if is_keyframe:
         rows = (
             ("range", ranges),
@@ -69,8 +74,8 @@ def print_accuracy(
         for column in ("", *dofs):
             table.add_column(column, justify="right", no_wrap=True)
         for label, values in rows:
-            if values is not None:
-                table.add_row(label, *(_rounded(values[dof]) for dof in DOFS))
+            if values is not None and set(names) <= set(values):
+                table.add_row(label, *(_rounded(values[dof]) for dof in names))
     else:
         for column in ("displaced by up to", "images", *dofs):
             table.add_column(column, justify="right")

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from tyro.conf import create_mutex_group
 
-from servoscope.commands.options import DataSetOut, Force, Jobs, Json, Part, RobotName
+from servoscope.commands.options import DataSetOut, Dofs, Force, Jobs, Json, Part, RobotName
 
 IMAGES_OR_RINGS = create_mutex_group(required=False)
 """A schedule says how many images to take, so only one of the two can be asked for."""
@@ -22,6 +22,7 @@ def acquire(
     part: Part = "cylinder_head",
     variant: int = 0,
     robot: RobotName = "free",
+    dofs: Dofs = None,
     translation_mm: float = 25.0,
     rotation_deg: float = 15.0,
     pivot_mm: float = 550.0,
@@ -41,6 +42,8 @@ def acquire(
     Example: servoscope acquire cell --until t=0.1mm,r=0.02deg
 
     Example: servoscope acquire rings --schedule 1000@1.0,400@0.2,400@0.03
+
+    Example: servoscope acquire gantry --schedule 40@1.6 --dofs tx,ty,rz
 
     Example: servoscope acquire plane --schedule default --part textured_plane --robot arm
 
@@ -67,7 +70,9 @@ def acquire(
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import print_facts, print_message
     from servoscope.commands.progress import progress_bar
+    from servoscope.dofs import parse_dofs
     from servoscope.errors import InvalidInputError
+    from servoscope.poses import DOFS
     from servoscope.requested_accuracy import parse_accuracy
     from servoscope.schedule import parse_schedule
 
@@ -93,6 +98,7 @@ def acquire(
         part=part,
         variant=variant,
         robot=robot,
+        dofs=DOFS if dofs is None else parse_dofs(dofs),
     )
     with progress_bar("images", config.total()) as advance:
         if request is None:

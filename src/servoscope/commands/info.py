@@ -91,6 +91,7 @@ def describe_data_set(folder: Path) -> dict[str, Any]:
         "size_px": [width, height],
         "pivot_mm": round(1e3 * data.pivot, 3),
         "split": data.split,
+        "dofs": list(data.dofs),
         "ranges": {
             dof: f"{value:g} {unit}" if moves else "never moves"
             for dof, value, unit, moves in zip(
@@ -136,17 +137,18 @@ def describe_model(folder: Path) -> dict[str, Any]:
 
     header, arrays = read_model(folder)
     version, servoscope = read_version(folder)
-    keyframe = _keyframe(header, arrays)
+    keyframe, dofs = _keyframe(header, arrays), _dofs(header)
     facts = {
         "model": str(folder),
         "kind": header.get("kind"),
         "trained_on": header.get("trained_on"),
         "size_px": _width_and_height(header.get("image_size")),
-        "ranges": _ranges(header.get("reach")),
+        "dofs": dofs,
+        "ranges": _ranges(header.get("reach"), dofs),
         "pivot_mm": _millimetres(header.get("pivot")),
         "levels": header.get("levels"),
         "accuracy": header.get("accuracy"),
-        "limit": None if keyframe is None else _by_dof(keyframe.limit().std),
+        "limit": None if keyframe is None else _by_dof(keyframe.limit().std, dofs),
         "arrays": len(arrays),
         "size_mb": round(1e-6 * sum(array.nbytes for array in arrays.values()), 3),
         "version": version,
@@ -217,11 +219,21 @@ def _write_figure(folder: Path | None, file: Path, dataset: Path | None) -> None
     write_keyframe(file, keyframe, residual=residual, data=data)
 
 
-def _by_dof(values: Any) -> dict[str, float]:
-    """Values of the six dofs, [m] and [rad], in mm and degrees."""
+def _dofs(header: dict[str, Any]) -> list[str]:
+    """The degrees of freedom of a model; all six if its header names none."""
+    from servoscope.poses import DOFS
+
+    named = header.get("dofs")
+    found = [dof for dof in DOFS if isinstance(named, list) and dof in named]
+    return found or list(DOFS)
+
+
+def _by_dof(values: Any, dofs: list[str]) -> dict[str, float]:
+    """Values of the six dofs, [m] and [rad], in mm and degrees, of some of them."""
     from servoscope.poses import DISPLAY_FACTORS, DOFS
 
-    return dict(zip(DOFS, (values * DISPLAY_FACTORS).tolist(), strict=True))
+    by_dof = dict(zip(DOFS, (values * DISPLAY_FACTORS).tolist(), strict=True))
+    return {dof: by_dof[dof] for dof in dofs}
 
 
 def _width_and_height(image_size: Any) -> list[int] | None:
@@ -233,14 +245,14 @@ def _width_and_height(image_size: Any) -> list[int] | None:
     return None
 
 
-def _ranges(reach: Any) -> dict[str, str] | None:
-    """Largest displacements in mm and degrees, of six numbers in metres and radians."""
+def _ranges(reach: Any, dofs: list[str]) -> dict[str, str] | None:
+    """Largest displacements of some dofs in mm and degrees, of six in metres and radians."""
     from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 
     if not isinstance(reach, list) or len(reach) != len(DOFS) or not all(map(_is_number, reach)):
         return None
     shown = zip(DOFS, DISPLAY_FACTORS * reach, DISPLAY_UNITS, strict=True)
-    return {dof: f"{value:.4g} {unit}" for dof, value, unit in shown}
+    return {dof: f"{value:.4g} {unit}" for dof, value, unit in shown if dof in dofs}
 
 
 def _millimetres(metres: Any) -> float | None:

@@ -31,6 +31,14 @@ Protocol = Annotated[
     arg(help="Decide on images kept for that (honest), or on the test images (paper)."),
 ]
 
+Dofs = Annotated[
+    str | None,
+    arg(
+        metavar="DOF,...",
+        help="Degrees of freedom that the robot has, such as tx,ty,rz.",
+    ),
+]
+
 Part = Annotated[
     Literal["cylinder_head", "textured_plane"], arg(help="What lies under the camera.")
 ]

@@ -87,7 +87,8 @@ def position(
 ) -> None:
     """Bring the camera of a simulated robot back to the reference that a model was trained on.
 
-    The start is drawn within +-25 mm and +-15 deg about the pivot, or as the condition says. With
+    The start is drawn within +-25 mm and +-15 deg about the pivot, or as the condition says, in
+    the degrees of freedom that the model commands; the robot is moved in no others. With
     recorded:FOLDER the loop runs on your own images instead: the robot goes to the nearest of the
     recorded poses. For a robot of your own see docs/positioning.md: it takes 20 lines of Python.
 
@@ -112,6 +113,7 @@ def position(
     from servoscope.assessment import parse_wishes
     from servoscope.commands.output import print_json
     from servoscope.positioning import LoopSettings, PositioningModel
+    from servoscope.positioning.interfaces import dofs_of
     from servoscope.scene.scene import T_WORLD_REF
     from servoscope.scoreboard.conditions import CONDITIONS
 
@@ -129,7 +131,7 @@ def position(
         max_moves=max_moves,
         tolerance_mm=tolerance_mm,
         tolerance_deg=tolerance_deg,
-        tolerances=parse_wishes(tolerance),
+        tolerances=parse_wishes(tolerance, dofs_of(trained)),
         repeatability_mm=repeatability_mm,
         repeatability_deg=repeatability_deg,
         final_images=final_images,
@@ -176,6 +178,8 @@ def _recorded(
     import numpy as np
 
     from servoscope.dataset import PoseImageSet
+    from servoscope.dofs import mask_of
+    from servoscope.positioning.interfaces import dofs_of
     from servoscope.robots.recorded import RecordedRobot
 
     data = PoseImageSet.load(folder)
@@ -185,7 +189,8 @@ def _recorded(
             "import the recording with the same reference frame and image width."
         )
     if start is None:
-        within = np.flatnonzero((np.abs(data.delta_p()) <= model.reach).all(axis=1))
+        is_within = np.abs(data.delta_p()) <= model.reach
+        within = np.flatnonzero(is_within[:, mask_of(dofs_of(model))].all(axis=1))
         if not within.size:
             raise InvalidInputError(
                 f"No image of {folder} was taken within the range that the model was trained on; "
@@ -209,9 +214,11 @@ def _simulated_cell(
     model: Trained, robot: str | None, condition: str, seed: int, start: str | None
 ) -> SimulatedRobot:
     """The robot and the part of training, at a start and under a condition."""
-    from servoscope.scoreboard.cell import robot_in_cell
+    from servoscope.poses import DOFS
+    from servoscope.positioning.interfaces import dofs_of
+    from servoscope.scoreboard.cell import PIVOT, robot_in_cell
 
-    source = model.trained_on
+    source, dofs = model.trained_on, dofs_of(model)
     if not {"part", "variant", "robot"} <= source.keys():
         raise InvalidInputError(
             "The model was not trained on simulated images, so that there is no simulated robot "
@@ -232,6 +239,8 @@ def _simulated_cell(
         height,
         seed,
         0 if start is None else _number(start, "a number from 0"),
+        dofs,
+        PIVOT if dofs == DOFS else 1e-3 * float(source.get("pivot_mm", 1e3 * PIVOT)),
     )
 
 
@@ -295,7 +304,8 @@ def _print_run(result: PositioningResult, distances: Sequence[dict[str, float]])
     out = console()
     out.print(table)
     left = zip(DOFS, DISPLAY_FACTORS * result.predicted_error, DISPLAY_UNITS, strict=True)
-    out.print("predicted error:", ", ".join(f"{dof} {e:.3f} {unit}" for dof, e, unit in left))
+    said = [f"{dof} {e:.3f} {unit}" for dof, e, unit in left if dof in result.dofs]
+    out.print("predicted error:", ", ".join(said))
     out.print(f"true error: {distances[-1]['mm']:.3f} mm, {distances[-1]['deg']:.3f} deg")
     out.print(f"{result.status}: {result.message}")
 

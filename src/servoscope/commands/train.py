@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import arg
 
-from servoscope.commands.options import DataSet, Force, Jobs, Json, ModelOut, owning_model
+from servoscope.commands.options import DataSet, Dofs, Force, Jobs, Json, ModelOut, owning_model
 from servoscope.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ def train(
     intrinsics: Intrinsics = None,
     pose_noise: PoseNoise = None,
     distance_mm: float | None = None,
+    dofs: Dofs = None,
     seed: int = 0,
     jobs: Jobs = None,
     force: Force = False,
@@ -48,9 +50,12 @@ def train(
 
     Twenty to sixty images spread over the range make a keyframe: the reference image with lens,
     mount and depth. Hundreds in rings around the reference make levels and networks. The poses may
-    be those of the robot's flange: where the camera sits in it need not be known.
+    be those of the robot's flange: where the camera sits in it need not be known. The model reads
+    and commands the degrees of freedom that move in the data set, or those of --dofs.
 
     Example: servoscope acquire cell --schedule 40@1.6 && servoscope train cell --out model
+
+    Example: servoscope acquire gantry --dofs tx,ty,rz --schedule 40@1.6 && servoscope train gantry
 
     Example: servoscope train cell --intrinsics 512,512,319.5,239.5,-0.1,0.02 --pose-noise 0.1,0.02
 
@@ -65,6 +70,7 @@ def train(
     from servoscope.commands.output import console, print_json
     from servoscope.commands.progress import progress_bar
     from servoscope.dataset import PoseImageSet
+    from servoscope.dofs import parse_dofs
     from servoscope.positioning.decision import decision_text
     from servoscope.positioning.model_folder import check_free
     from servoscope.positioning.training import N_STAGES
@@ -73,6 +79,8 @@ def train(
     processes = n_jobs(jobs)
     check_free(out, force=force)
     data = PoseImageSet.load(dataset)
+    if dofs is not None:
+        data = replace(data, asked_dofs=parse_dofs(dofs))
     calibration = _calibration(data.image_shape, intrinsics, pose_noise, distance_mm)
     with progress_bar("training", N_STAGES) as advance:
         model = train_model(
@@ -85,7 +93,7 @@ def train(
         )
     model.save(out, force=force)
     if json:
-        print_json({"model": str(out), "accuracy": model.accuracy})
+        print_json({"model": str(out), "dofs": list(data.dofs), "accuracy": model.accuracy})
     else:
         print_accuracy(model.accuracy)
         if "decision" in model.accuracy:

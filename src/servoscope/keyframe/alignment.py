@@ -9,18 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.dofs import mask_of
 from servoscope.keyframe.camera import CameraModel
+from servoscope.keyframe.freedom import Freedom
 from servoscope.keyframe.levels import BEND, CUT, FAR, N_BLOCKS, PRIOR, Guess, Level
 from servoscope.keyframe.lighting import Light
-from servoscope.keyframe.motion import (
-    adjoint,
-    conjugate,
-    displacement_by_twist,
-    exponential,
-    logarithm,
-)
+from servoscope.keyframe.motion import conjugate, exponential, logarithm
 from servoscope.keyframe.views import View, evened
-from servoscope.poses import displacements_from_poses, inverse_transform, rigid_transform
+from servoscope.poses import inverse_transform
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -71,7 +67,7 @@ class Alignment:
         ``inv(T_world_ref) @ T_world_cam`` of the poses that the robot reports, [m]. The identity
         where the view is that of the reference.
     delta_p : ndarray of shape (6,)
-        The same about the pivot, [m] and [rad], in `DOFS` order.
+        The same about the pivot, [m] and [rad], in `DOFS` order; 0 in dofs that are not read.
     covariance : ndarray of shape (6, 6)
         Of `delta_p`: from the residuals, correlated as they are inside blocks of the view, and
         from the keyframe's own errors, which grow with the displacement.
@@ -112,6 +108,8 @@ class Aligner:
         [m].
     model_error : ndarray of shape (6,)
         Standard deviation of each dof per radian that the view is shifted.
+    dofs : tuple of str
+        The degrees of freedom that are read; all others are taken to be those of the reference.
     """
 
     def __init__(
@@ -124,27 +122,33 @@ class Aligner:
         displacements: Array,
         pivot: float,
         model_error: Array,
+        dofs: tuple[str, ...],
     ) -> None:
         self.mount, self.pivot, self.model_error = mount, pivot, model_error
         self._inverse_depth = float(np.median(inverse_depth))
+        self._freedom = Freedom(mount, pivot, dofs)
+        self._search, self._is_read = self._freedom, mask_of(dofs)
+        if self._inverse_depth < FAR and not self._freedom.is_full:  # turned about the camera
+            self._search = self._freedom.turning()
         self.levels = []
         for (width, sigma, *_), k, stiffness in zip(_LEVELS, _NODES, _STIFFNESS, strict=True):
             view = View.of(reference_image, min(width, reference_image.shape[1]), sigma)
             depth, weight = view.resize(inverse_depth), view.resize(trust)
             k = max(2, min(k, round(np.sqrt(view.grey.size) / _NODE_PX)))
-            self.levels.append(
-                Level(view, camera, depth, weight, k, stiffness, width == _LEVELS[-1].width)
-            )
+            finest = width == _LEVELS[-1].width
+            level = Level(view, camera, depth, weight, k, stiffness, finest, self._search)
+            self.levels.append(level)
         first = self.levels[0]
         grey = evened(first.view.grey)
         view = View(grey, first.view.aspect, first.view.sigma)
         self._evened = Level(
-            view, camera, view.resize(inverse_depth), view.resize(trust), _NODES[0], _STIFFNESS[0]
-        )
+            view, camera, view.resize(inverse_depth), view.resize(trust), _NODES[0], _STIFFNESS[0],
+            freedom=self._search,
+        )  # fmt: skip
         twists = logarithm(inverse_transform(conjugate(mount, displacements)))
         if self._inverse_depth < FAR:  # translations are not seen: they stay at none
             twists[:, :3] = 0
-        self.starts = _starts(twists)
+        self.starts = [self._search.nearest(T) for T in _starts(twists)]
 
     def align(self, image: NDArray[np.uint8], starts: Array | None) -> Alignment:
         """See `Keyframe.align`."""
@@ -152,12 +156,12 @@ class Aligner:
         if starts is None:
             guess = self._best(prepared, self._screened(prepared, self.starts, _N_STARTS))
         else:
-            guess = self._from(prepared, list(inverse_transform(conjugate(self.mount, starts))))
+            T = inverse_transform(conjugate(self.mount, starts))
+            guess = self._from(prepared, [self._search.nearest(t) for t in T])
         for level, grey, stage in zip(self.levels[1:], prepared[1:], _LEVELS[1:], strict=True):
             guess = level.descend(grey, guess, stage.n_steps, stage.tolerance)
         similarity, share_visible = self.levels[1].compare(prepared[1], guess.T)
-        displacement = conjugate(inverse_transform(self.mount), inverse_transform(guess.T))
-        (delta_p,) = displacements_from_poses(np.eye(4), displacement[None], self.pivot)
+        displacement, delta_p = self._search.displacement(guess.T), self._freedom.delta_p(guess.T)
         covariance = self._covariance(level, grey, guess, displacement)
         return Alignment(displacement, delta_p, covariance, similarity, share_visible, guess.light)
 
@@ -220,7 +224,9 @@ class Aligner:
         H, _ = grid.normal_equations(J, r, w, level.laplacian, level.grey, guess.light)
         alone = grid.without_light(J, level.laplacian, level.grey, H)
         information = ((alone * w[:, None]).T @ J).astype(float)
-        bread = np.linalg.inv(max(slope, _LEAST_SLOPE) * information + np.diag(1 / PRIOR**2))
+        known = max(slope, _LEAST_SLOPE) * information + np.diag(1 / PRIOR**2)
+        B = self._search.twists(guess.T)
+        bread = B @ np.linalg.inv(B.T @ known @ B) @ B.T
         shift = self.view_shift(guess.T)
         apart = min(1.0, shift * level.camera.f * level.view.width / _BETWEEN)
         errors = (
@@ -236,13 +242,12 @@ class Aligner:
             meat = meat + sums @ sums.T
         by_twist = self.by_twist(displacement)
         own = by_twist @ bread @ meat @ bread @ by_twist.T
+        own[~self._is_read] = own[:, ~self._is_read] = 0
         return np.asarray(own + np.diag((shift * self.model_error) ** 2))
 
     def by_twist(self, displacement: Array) -> Array:
         """Derivative of the displacement about the pivot by a twist before T, shape (6, 6)."""
-        P = rigid_transform(np.eye(3), [0.0, 0.0, self.pivot])
-        about = displacement_by_twist(conjugate(P, displacement))
-        return -about @ adjoint(inverse_transform(P) @ self.mount)
+        return self._freedom.by_twist(displacement)
 
 
 def _starts(twists: Array) -> list[Array]:

@@ -127,6 +127,9 @@ def check_arrays(values: dict[str, Any]) -> None:
     wrong += [n for n in deviations if n not in wrong and (values[n] < 0).any()]
     wrong += [n for n in ("trust", "noise") if n not in wrong and not (values[n] > 0).any()]
     wrong += [n for n in ("mount", "displacements") if n not in wrong and not is_rigid(values[n])]
+    dofs = values["dofs"]
+    if dofs.shape != (6,) or dofs.dtype != bool or not dofs.any():
+        wrong.append("dofs")
     if wrong:
         raise InvalidInputError(
             f"These are not the arrays of a keyframe: {', '.join(dict.fromkeys(wrong))} "

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from servoscope.keyframe.adjustment import Adjustment, Solution
+from servoscope.keyframe.adjustment import LEAST_INVERSE_DEPTH, Adjustment, Solution
 from servoscope.keyframe.camera import CameraModel
 from servoscope.keyframe.motion import conjugate
 from servoscope.keyframe.relief import semi_global_labels, sweep_costs
@@ -106,6 +106,33 @@ def fit_state(
         solution = adjustment.run(state, 6, relief=True)
         reach = _NARROW
     return solution
+
+
+def turning_state(
+    state: State,
+    lever: Array,
+    images: Images,
+    displacements: Array,
+    reference_image: Images,
+    priors: Priors,
+) -> Solution:
+    """The state that explains the images by rotations of the camera alone.
+
+    Where no translation is seen, a lever between the camera and what turns it cannot be told from
+    a longer focal length, so that it is held.
+
+    Parameters
+    ----------
+    state : State
+        That `fit_state` has found.
+    lever : ndarray of shape (3,)
+        Translation of the mount, [m].
+    """
+    mount = rigid_transform(state.mount[:3, :3], lever)
+    state = replace(state, mount=mount, relief=np.full((2, 2), LEAST_INVERSE_DEPTH))
+    held = replace(priors, mount=(0.0, priors.mount[1]))
+    width, sigma, _ = _RELIEF_LEVELS[-1]
+    return _adjustment(images, displacements, reference_image, width, sigma, held).run(state, 10)
 
 
 def find_mount(

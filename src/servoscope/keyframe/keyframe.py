@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from servoscope.dofs import check_dofs, mask_of
 from servoscope.keyframe.alignment import Aligner, Alignment
 from servoscope.keyframe.camera import CameraModel
 from servoscope.keyframe.checks import (
@@ -22,13 +23,19 @@ from servoscope.keyframe.checks import (
     rigid,
     rigid_stack,
 )
-from servoscope.keyframe.fitting import Known, chosen_images, evenly_spread, fit_state
+from servoscope.keyframe.fitting import (
+    Known,
+    chosen_images,
+    evenly_spread,
+    fit_state,
+    turning_state,
+)
 from servoscope.keyframe.limit import ViewLimit, pixel_noise, view_limit
 from servoscope.keyframe.motion import conjugate
 from servoscope.keyframe.rendering import Renderer
-from servoscope.keyframe.state import Priors, observable
+from servoscope.keyframe.state import Priors, observable, sees_translations
 from servoscope.keyframe.views import View
-from servoscope.poses import displacements_from_poses, inverse_transform
+from servoscope.poses import DOFS, displacements_from_poses, inverse_transform
 from servoscope.processes import one_blas_thread
 
 Array = NDArray[np.float64]
@@ -70,6 +77,9 @@ class Keyframe:
         Mean robust residual of the fitted images at the finest resolution of the fit, [grey].
     noise : float
         Standard deviation of a pixel's noise, [grey].
+    dofs : tuple of str
+        The degrees of freedom that are read. The camera is taken to be displaced in no others:
+        images that move in few dofs do not inform lens, mount and depth enough to read all.
 
     Examples
     --------
@@ -101,6 +111,7 @@ class Keyframe:
     pivot: float
     residual: float
     noise: float
+    dofs: tuple[str, ...] = DOFS
 
     @classmethod
     def fit(
@@ -115,6 +126,7 @@ class Keyframe:
         mount: ArrayLike | None = None,
         distance: float = 0.55,
         pose_noise: tuple[float, float] = (3e-4, 5e-4),
+        dofs: Iterable[str] = DOFS,
     ) -> Keyframe:
         """A keyframe from images at known displacements.
 
@@ -137,6 +149,8 @@ class Keyframe:
         pose_noise : tuple of 2 floats
             Standard deviations of the reported poses, [m] and [rad]: the repeatability of a
             robot, the noise of a tracker.
+        dofs : iterable of str
+            The degrees of freedom that the images are displaced in, beyond the noise of the poses.
 
         Returns
         -------
@@ -175,12 +189,22 @@ class Keyframe:
             float(pivot),
             solution.cost,
             pixel_noise(images[chosen]),
+            check_dofs(dofs),
         )
-        if not keyframe.observable["depth"]:  # only rotations are read from images
-            far = np.full_like(keyframe.inverse_depth, _FAR)
-            turned = state.mount.copy()
-            turned[:3, 3] = 0 if start is None else start[:3, 3]
-            keyframe = replace(keyframe, inverse_depth=far, mount=turned)
+        if keyframe._reads_only_rotations():
+            lever = np.zeros(3) if start is None else start[:3, 3]
+            with one_blas_thread():
+                turning = turning_state(
+                    state, lever, images[chosen], displacements[chosen], reference_image, priors
+                )
+            keyframe = replace(
+                keyframe,
+                camera=turning.state.camera,
+                mount=turning.state.mount,
+                inverse_depth=np.full_like(keyframe.inverse_depth, _FAR),
+                trust=np.asarray(turning.trust, dtype=np.float32),
+                residual=turning.cost,
+            )
         with one_blas_thread():
             return replace(keyframe, model_error=keyframe._find_model_error(images[chosen]))
 
@@ -194,19 +218,33 @@ class Keyframe:
             (reported,) = displacements_from_poses(np.eye(4), D[None], self.pivot)
             shift = self._aligner.view_shift(conjugate(self.mount, D))
             beyond = (found.delta_p - reported) ** 2 - np.diag(found.covariance)
+            beyond[~mask_of(self.dofs)] = 0
             squares.append(beyond / max(shift, 1e-3) ** 2)
         return _OPTIMISM * 1.4826 * np.sqrt(np.maximum(np.median(squares, axis=0), 0))
 
+    def _reads_only_rotations(self) -> bool:
+        """Whether translations are not seen in the images, but a rotation may be."""
+        if self.dofs == DOFS:
+            return not self.observable["depth"]
+        rotates = any(dof.startswith("r") for dof in self.dofs)
+        return rotates and not sees_translations(self.covariance)
+
     @property
     def observable(self) -> dict[str, bool]:
-        """Whether the images inform depth, mount_translation, mount_rotation and focal_length."""
-        return observable(self.covariance)
+        """Whether the images inform depth, mount_translation, mount_rotation and focal_length.
+
+        Where only some `dofs` are read they do not have to: depth is known up to a factor that
+        the focal length shares unless the images are displaced along, or tilt, the optical axis.
+        """
+        found = observable(self.covariance)
+        found["depth"] &= bool({"tz", "rx", "ry"} & set(self.dofs))
+        return found
 
     @cached_property
     def _aligner(self) -> Aligner:
         return Aligner(
             self.reference_image, self.camera, self.mount, self.inverse_depth, self.trust,
-            self.displacements, self.pivot, self.model_error,
+            self.displacements, self.pivot, self.model_error, self.dofs,
         )  # fmt: skip
 
     @cached_property
@@ -277,11 +315,14 @@ class Keyframe:
         """
         noise = self.noise if noise is None else checked_noise(noise)
         by_twist = self._aligner.by_twist(np.eye(4))
-        return view_limit(self.reference_image, self.camera, self.inverse_depth, by_twist, noise)
+        return view_limit(
+            self.reference_image, self.camera, self.inverse_depth, by_twist, noise,
+            mask_of(self.dofs),
+        )  # fmt: skip
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """All that makes the keyframe, as arrays of numbers."""
-        values = vars(self) | {"camera": self.camera.values}
+        values = vars(self) | {"camera": self.camera.values, "dofs": mask_of(self.dofs)}
         return {f.name: np.asarray(values[f.name]) for f in fields(self)}
 
     @classmethod
@@ -294,9 +335,11 @@ class Keyframe:
             If they are not arrays of a keyframe.
         """
         names = [f.name for f in fields(cls)]
+        arrays = {"dofs": mask_of(DOFS), **arrays}  # as keyframes were before: they read all
         check_names(names, arrays)
         values: dict[str, Any] = {name: np.asarray(arrays[name]) for name in names}
         check_arrays(values)
         scalars = {name: float(values[name]) for name in ("pivot", "residual", "noise")}
         camera = CameraModel(*map(float, values["camera"]))
-        return cls(**values | scalars | {"camera": camera})
+        dofs = tuple(dof for dof, is_read in zip(DOFS, values["dofs"], strict=True) if is_read)
+        return cls(**values | scalars | {"camera": camera, "dofs": dofs})

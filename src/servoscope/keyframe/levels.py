@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from servoscope.keyframe.camera import CameraModel
+from servoscope.keyframe.freedom import Freedom
 from servoscope.keyframe.lighting import Light, LightGrid
 from servoscope.keyframe.motion import exponential
 from servoscope.keyframe.starts import correlation
@@ -83,6 +85,8 @@ class Level:
     finest : bool
         Take every other pixel of many, and derivatives of the keyframe instead of the image: they
         are free of the image's noise, but good only near the truth.
+    freedom : Freedom, optional
+        What the camera can have done; anything by default.
     """
 
     def __init__(
@@ -94,8 +98,10 @@ class Level:
         n_nodes: int = 2,
         stiffness: float = 1.0,
         finest: bool = False,
+        freedom: Freedom | None = None,
     ) -> None:
         self.view, self.camera, self._finest = view, camera, finest
+        self._freedom = None if freedom is None or freedom.is_full else freedom
         rows, columns = np.indices(view.shape)
         taken = trust > 0
         if finest and view.grey.size > _MOST_PIXELS:  # neighbours are alike: half is nearly as good
@@ -172,12 +178,18 @@ class Level:
                 continue
             if depth < FAR:
                 H[:3], H[:, :3], g[:3] = np.eye(len(H))[:3], np.eye(len(H))[:, :3], 0.0
-            step = np.linalg.solve(H, g)
+            if self._freedom is None:
+                step = np.linalg.solve(H, g)
+            else:
+                B = block_diag(self._freedom.twists(guess.T), np.eye(len(H) - 6))
+                step = B @ np.linalg.solve(B.T @ H @ B, B.T @ g)
             flow = reach * max(
                 depth * float(np.linalg.norm(step[:3])), float(np.linalg.norm(step[3:6]))
             )
             step *= min(1.0, _LONGEST_STEP * width / max(flow, 1e-9))
-            guess = Guess(exponential(step[MOTION]) @ guess.T, guess.light.moved(step[6:]))
+            T = exponential(step[MOTION]) @ guess.T
+            T = T if self._freedom is None else self._freedom.nearest(T)
+            guess = Guess(T, guess.light.moved(step[6:]))
             if flow < tolerance:
                 break
         return guess

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -66,6 +66,7 @@ def view_limit(
     inverse_depth: NDArray[np.float32],
     by_twist: Array,
     noise: float,
+    read: NDArray[np.bool_] | None = None,
 ) -> ViewLimit:
     """The limit of a look at an image that is noisy itself.
 
@@ -82,7 +83,10 @@ def view_limit(
         Derivative of the displacement by a twist of the camera.
     noise : float
         Standard deviation of a pixel's noise in the look, [grey].
+    read : ndarray of shape (6,), bool, optional
+        Which dofs are unknown; all by default. The others are known: their bound is 0.
     """
+    read = np.ones(6, dtype=bool) if read is None else read
     pixels = -(-image.shape[1] // WIDEST)  # of the image along a side of one that is used
     width = image.shape[1] // pixels
     own = pixel_noise(image[None]) / pixels
@@ -92,11 +96,12 @@ def view_limit(
         share = np.trace(spread) / max(float(np.mean(slopes**2)) * 2, 1e-12)
         if share <= _MOST_BLURRED:
             break
-    A = _by_slopes(view, camera, inverse_depth) @ np.linalg.inv(by_twist)
+    A = _by_slopes(view, camera, inverse_depth) @ np.linalg.inv(by_twist) * read
     J = np.einsum("knd,nk->nd", A, slopes)
     spurious = np.einsum("knd,kl,lne->de", A, spread, A, optimize=True)
     light = np.stack([view.grey.ravel(), np.ones(view.grey.size)], axis=1)
-    return cramer_rao(np.hstack([J, light]), noise / pixels, view.shape, spurious)
+    limit = cramer_rao(np.hstack([J, light]), noise / pixels, view.shape, spurious)
+    return replace(limit, covariance=np.where(np.outer(read, read), limit.covariance, 0.0))
 
 
 def _slopes(view: View) -> Array:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from servoscope.arrays import as_numbers
+from servoscope.dofs import mask_of
 from servoscope.errors import InvalidInputError
 from servoscope.keyframe.information import KeyframeInformation
 from servoscope.keyframe.keyframe import Keyframe
@@ -47,7 +48,8 @@ def next_displacements(
     keyframe : Keyframe
     n : int
     ranges : array of shape (6,)
-        Displacements are at most these about the pivot, [m] and [rad], in `DOFS` order.
+        Displacements are at most these about the pivot, [m] and [rad], in `DOFS` order; 0 in dofs
+        that the keyframe does not read.
     pose_noise : tuple of 2 floats
         Standard deviations of the reported poses, [m] and [rad].
     scale : array of shape (6,), optional
@@ -63,7 +65,8 @@ def next_displacements(
     Raises
     ------
     InvalidInputError
-        If n is not from 1 to `N_CANDIDATES`, or ranges or scale are not six positive numbers.
+        If n is not from 1 to `N_CANDIDATES`, or ranges or scale are not positive numbers of each
+        dof that the keyframe reads.
 
     References
     ----------
@@ -71,26 +74,28 @@ def next_displacements(
     """
     if not isinstance(n, int) or not 1 <= n <= N_CANDIDATES:
         raise InvalidInputError(f"n must be a whole number from 1 to {N_CANDIDATES}, got {n!r}.")
-    ranges = six_positive("ranges", ranges)
-    scale = ranges if scale is None else six_positive("scale", scale)
+    is_read = mask_of(keyframe.dofs)
+    ranges = positive_where("ranges", ranges, is_read)
+    scale = ranges if scale is None else positive_where("scale", scale, is_read)
+    unit, scale = (np.where(is_read, x, np.inf) for x in (ranges, scale))
     rng = np.random.default_rng(random_state)
     candidates = rng.uniform(-1, 1, (N_CANDIDATES, 6)) * ranges
     with one_blas_thread():
-        taken = displacements_from_poses(np.eye(4), keyframe.displacements, keyframe.pivot) / ranges
+        taken = displacements_from_poses(np.eye(4), keyframe.displacements, keyframe.pivot) / unit
         says = KeyframeInformation(keyframe, pose_noise)
         known = says.fitted()
         informations = [says.of(D).information for D in says.displaced(candidates)]
         worth = says.worth(says.displaced(rng.uniform(-1, 1, (N_READ, 6)) * ranges), scale)
         chosen: list[int] = []
         for _ in range(n):
-            apart = _distances(candidates / ranges, taken)
+            apart = _distances(candidates / unit, taken)
             apart[chosen] = -1.0  # each is taken once
             left = np.argsort(-apart, kind="stable")[: min(N_APART, N_CANDIDATES - len(chosen))]
             errors = [np.sum(np.linalg.inv(known + informations[k]) * worth) for k in left]
             best = int(left[int(np.argmin(errors))])
             chosen.append(best)
             known = known + informations[best]
-            taken = np.vstack([taken, candidates[best] / ranges])
+            taken = np.vstack([taken, candidates[best] / unit])
     return candidates[chosen]
 
 
@@ -99,9 +104,9 @@ def _distances(points: Array, others: Array) -> Array:
     return np.asarray(np.linalg.norm(points[:, None] - others, axis=2).min(axis=1))
 
 
-def six_positive(name: str, values: ArrayLike) -> Array:
-    """The values, if they are six positive numbers."""
+def positive_where(name: str, values: ArrayLike, is_read: NDArray[np.bool_]) -> Array:
+    """The values, if they are six finite numbers, positive where `is_read`; 0 elsewhere."""
     array = as_numbers(values, name)
-    if array.shape != (6,) or not (np.isfinite(array) & (array > 0)).all():
+    if array.shape != (6,) or not np.isfinite(array).all() or not (array[is_read] > 0).all():
         raise InvalidInputError(f"{name} must be six positive numbers, got {array.tolist()}.")
-    return array
+    return np.where(is_read, array, 0.0)

@@ -105,6 +105,19 @@ class State:
         return self.corrections @ nominal @ self.reference
 
 
+def sees_translations(covariance: Array) -> bool:
+    """Whether the images inform how far a translation moves what is seen: focal length / depth.
+
+    Parameters
+    ----------
+    covariance : ndarray of shape (20, 20)
+        Of the unknowns that all images share.
+    """
+    both = np.zeros(N_GLOBAL)
+    both[[OPTICS.start, PLANE.start]] = 1  # ln f, and the factor of inverse depths
+    return bool(np.sqrt(both @ covariance @ both) < _SURE)
+
+
 def observable(covariance: Array) -> dict[str, bool]:
     """What the images inform: its deviation is below 0.3 of what was assumed before.
 

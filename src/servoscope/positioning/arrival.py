@@ -129,7 +129,7 @@ def is_averaged(estimate: Estimate, pivot: float, settings: LoopSettings) -> boo
         estimate.is_finest
         and not settings.is_coarse
         and settings.final_images > 2
-        and bool(np.isfinite(estimate.std).all())
+        and bool(np.isfinite(estimate.std).any())
         and (is_at_hand(estimate.displacement, settings) or _is_noise(estimate, pivot, settings))
     )
 

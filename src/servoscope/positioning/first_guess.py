@@ -100,7 +100,7 @@ class FirstGuess:
     windows : tuple of Window
         In the order of `WINDOWS`.
     reach : ndarray of shape (6,)
-        [m] and [rad] about the pivot.
+        [m] and [rad] about the pivot; 0 for dofs that are not read.
     pivot : float
         [m].
     """
@@ -126,7 +126,7 @@ class FirstGuess:
         ----------
         keyframe : Keyframe
         reach : ndarray of shape (6,)
-            Largest displacements about the pivot, [m] and [rad].
+            Largest displacements about the pivot, [m] and [rad]; 0 for dofs that are not read.
         images : ndarray of shape (n, height, width), uint8
             Real ones.
         displacements : ndarray of shape (n, 4, 4)
@@ -137,6 +137,7 @@ class FirstGuess:
         """
         rng = np.random.default_rng(seed)
         real = displacements_from_poses(np.eye(4), displacements, keyframe.pivot)
+        real[:, reach == 0] = 0
         near = rng.integers(len(real), size=n_rendered)
         drawn = np.sqrt(rng.random((n_rendered, 1))) * real[near]
         drawn += _JITTER * reach * rng.uniform(-1, 1, drawn.shape)
@@ -149,7 +150,7 @@ class FirstGuess:
         small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in images]
         disturbances = Disturbances()
         shown = [disturbances.disturb(image, rng) for image in rendered + small * N_COPIES]
-        shares = np.concatenate([drawn, np.tile(real, (N_COPIES, 1))]) / reach
+        shares = np.concatenate([drawn, np.tile(real, (N_COPIES, 1))]) / np.where(reach, reach, 1)
         parts = zip(*(_parts(image, shape) for image in shown), strict=True)
         with one_blas_thread():
             windows = tuple(Window.fit(np.stack(part), shares) for part in parts)

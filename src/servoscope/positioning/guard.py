@@ -106,7 +106,8 @@ def frozen_fault(moved: Array, reach: Array, pivot: float) -> str | None:
     pivot : float
     """
     size = np.abs(displacements_from_poses(np.eye(4), moved[None], pivot)[0])
-    if not (size > np.maximum(NOTICEABLE * reach, 1e-6)).any():
+    least = np.where(reach > 0, np.maximum(NOTICEABLE * reach, 1e-6), np.inf)
+    if not (size > least).any():
         return None
     return (
         f"The image is frozen: not a bit of it changed while the robot moved {as_text(moved)}; "

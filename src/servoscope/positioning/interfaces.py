@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from servoscope.poses import DOFS
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -93,7 +95,11 @@ class Estimate:
 
 
 class Estimator(Protocol):
-    """What turns an image into a displacement."""
+    """What turns an image into a displacement.
+
+    One that is for some degrees of freedom alone says so by an attribute ``dofs``, a tuple of
+    their names. Its displacements are exactly 0 in the others, and their deviations NaN.
+    """
 
     @property
     def image_shape(self) -> tuple[int, int]:
@@ -120,3 +126,8 @@ class Estimator(Protocol):
         previous : Estimate or None
             Of the image before it, whose stage hangs on; None at the start.
         """
+
+
+def dofs_of(estimator: Any) -> tuple[str, ...]:
+    """The degrees of freedom that an estimator is for; all six if it does not say."""
+    return tuple(getattr(estimator, "dofs", DOFS))

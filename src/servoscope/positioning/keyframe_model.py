@@ -11,10 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.dataset import PoseImageSet
+from servoscope.dofs import check_dofs, mask_of, moving_dofs
 from servoscope.errors import DataSetError, InvalidInputError
 from servoscope.keyframe import Alignment, Keyframe, held_out_looks
 from servoscope.keyframe.alignment import CLEARLY_ALIKE
-from servoscope.poses import DISPLAY_FACTORS, DOFS, inverse_transform
+from servoscope.poses import (
+    DISPLAY_FACTORS,
+    DOFS,
+    inverse_transform,
+    poses_from_displacements,
+)
 from servoscope.positioning.calibration import Calibration
 from servoscope.positioning.first_guess import FirstGuess
 from servoscope.positioning.interfaces import Array, Estimate, Image
@@ -58,7 +64,8 @@ class KeyframeModel:
     ----------
     keyframe : Keyframe
     reach : ndarray of shape (6,)
-        Largest displacements about the pivot that it was fitted to, [m] and [rad].
+        Largest displacements about the pivot that it was fitted to, [m] and [rad]; 0 for dofs that
+        are not read.
     trained_on : dict
         Where its images come from, as plain JSON values.
     accuracy : dict
@@ -68,6 +75,8 @@ class KeyframeModel:
         negative where none shows it.
     first_guess : FirstGuess, optional
         Where the search begins.
+    dofs : tuple of str
+        The degrees of freedom that are commanded: some of those that the keyframe reads.
     """
 
     keyframe: Keyframe
@@ -76,6 +85,7 @@ class KeyframeModel:
     accuracy: dict[str, Any] = field(default_factory=dict)
     residual: NDArray[np.float32] | None = None
     first_guess: FirstGuess | None = None
+    dofs: tuple[str, ...] = DOFS
 
     @property
     def image_shape(self) -> tuple[int, int]:
@@ -130,7 +140,10 @@ class KeyframeModel:
         images, poses = data.images[shown], data.T_world_cam[shown]
         reference = data.reference_image, data.T_world_ref
         options = (calibration or Calibration()).options(is_sequence=data.split == "blocks")
+        dofs = data.dofs
         options["pivot"] = data.pivot
+        options["dofs"] = check_dofs({*dofs, *moving_dofs(data.delta_p(), data.pivot)})
+        is_read, is_commanded = mask_of(options["dofs"]), mask_of(dofs)
         try:
             groups = independent_groups(data.subset(shown), _N_GROUPS).labels
             held = groups >= 0
@@ -143,16 +156,18 @@ class KeyframeModel:
             tell(2)
         except InvalidInputError as error:
             raise DataSetError(f"No keyframe can be fitted: {error}") from error
-        errors, reach = np.abs(looks.errors), data.ranges()
+        errors, reach = np.abs(looks.errors) * is_read, np.where(is_read, data.ranges(), 0.0)
         right = read_right(errors, reach)
-        factor = deviation_factor(errors[right], looks.std[right])
+        factor = np.ones(6)
+        factor[is_read] = deviation_factor(errors[right][:, is_read], looks.std[right][:, is_read])
         keyframe = replace(keyframe, model_error=factor * keyframe.model_error)
         chance = chance_similarity(keyframe, images, _FARTHEST * reach)
+        within = (errors <= 2 * factor * looks.std)[:, is_commanded]
         accuracy = {
-            "error_shares": _by_dof(error_shares(errors, data.delta_p()[shown][held])),
-            "median": _by_dof(np.median(errors, axis=0) * DISPLAY_FACTORS),
-            "quantile_90": _by_dof(np.quantile(errors, 0.9, axis=0) * DISPLAY_FACTORS),
-            "within_2_std": float(np.mean(errors <= 2 * factor * looks.std)),
+            "error_shares": _by_dof(error_shares(errors, data.delta_p()[shown][held]), dofs),
+            "median": _by_dof(np.median(errors, axis=0) * DISPLAY_FACTORS, dofs),
+            "quantile_90": _by_dof(np.quantile(errors, 0.9, axis=0) * DISPLAY_FACTORS, dofs),
+            "within_2_std": float(np.mean(within)),
             "similarity": float(np.median(looks.similarity)),
             "chance_similarity": chance,
             "least_similarity": least_similarity(looks.similarity[right], chance),
@@ -160,15 +175,16 @@ class KeyframeModel:
             "residual": keyframe.residual,
             "residual_over_noise": looks.residual_over_noise,
             "noise": keyframe.noise,
-            "observable": keyframe.observable,
+            **({"observable": keyframe.observable} if keyframe.dofs == DOFS else {}),
         }
         displacements = inverse_transform(data.T_world_ref) @ poses
         first_guess = FirstGuess.train(keyframe, reach, images, displacements)
         tell(3)
         residual = np.nan_to_num(looks.residual_map / looks.noise, nan=NOT_SEEN)
         return cls(
-            keyframe, reach, dict(data.source), accuracy, residual.astype(np.float32), first_guess
-        )
+            keyframe, reach, dict(data.source), accuracy, residual.astype(np.float32), first_guess,
+            dofs,
+        )  # fmt: skip
 
     def estimate(self, image: Image, previous: Estimate | None = None) -> Estimate:
         """Where an image was taken.
@@ -198,10 +214,17 @@ class KeyframeModel:
         return self._as_estimate(image, found)
 
     def _as_estimate(self, image: Image, found: Alignment) -> Estimate:
+        """What of an alignment the robot can undo; nothing is believed of other dofs."""
+        displacement, std, is_commanded = found.displacement, found.std, mask_of(self.dofs)
+        if self.dofs != DOFS:
+            delta_p = np.where(is_commanded, found.delta_p, 0.0)
+            displacement = poses_from_displacements(np.eye(4), delta_p, self.pivot)
+            std = np.where(is_commanded, std, np.nan)
+        shares = found.delta_p / np.where(self.reach > 0, _FARTHEST * self.reach, 1.0)
         return Estimate(
-            displacement=found.displacement,
-            std=found.std,
-            novelty=float(np.max(np.abs(found.delta_p) / (_FARTHEST * self.reach))),
+            displacement=displacement,
+            std=std,
+            novelty=float(np.max(np.abs(shares))),
             stage="keyframe",
             similarity=self._recognition.similarity(image, found.displacement),
             least_similarity=float(self.accuracy.get("least_similarity", LEAST_SIMILARITY)),
@@ -224,6 +247,7 @@ class KeyframeModel:
             "image_size": list(self.image_shape),
             "pivot": self.pivot,
             "reach": self.reach.tolist(),
+            "dofs": list(self.dofs),
             "trained_on": self.trained_on,
             "accuracy": self.accuracy,
         }
@@ -253,8 +277,11 @@ class KeyframeModel:
         reach = np.array(header["reach"], dtype=float)
         if list(keyframe.reference_image.shape) != list(header["image_size"]):
             raise ValueError("its reference image is not of its image size")
-        if reach.shape != (6,) or not (np.isfinite(reach) & (reach > 0)).all():
-            raise ValueError("its reach is not six positive numbers")
+        dofs = check_dofs(header.get("dofs", DOFS))  # models were of all six before they said so
+        if reach.shape != (6,) or not (np.isfinite(reach) & (reach >= 0)).all():
+            raise ValueError("its reach is not six numbers, 0 or more")
+        if ((reach > 0) != mask_of(keyframe.dofs)).any() or not set(dofs) <= set(keyframe.dofs):
+            raise ValueError("its dofs are not those of its reach and its keyframe")
         if not 0 <= float(header["accuracy"].get("least_similarity", 0)) <= 1:
             raise ValueError("its least similarity is not between 0 and 1")
         guess = parts["first_guess"]
@@ -264,7 +291,7 @@ class KeyframeModel:
             first_guess = FirstGuess.from_arrays(guess, shape, reach, keyframe.pivot)
         return cls(
             keyframe, reach, dict(header["trained_on"]), dict(header["accuracy"]),
-            arrays.get(RESIDUAL), first_guess,
+            arrays.get(RESIDUAL), first_guess, dofs,
         )  # fmt: skip
 
 
@@ -294,5 +321,6 @@ def deviation_factor(errors: Array, std: Array) -> Array:
     return np.asarray(np.clip(ratio, 1.0, _MOST_OPTIMISTIC))
 
 
-def _by_dof(values: Array) -> dict[str, float]:
-    return dict(zip(DOFS, map(float, values), strict=True))
+def _by_dof(values: Array, dofs: tuple[str, ...]) -> dict[str, float]:
+    by_dof = dict(zip(DOFS, map(float, values), strict=True))
+    return {dof: by_dof[dof] for dof in dofs}

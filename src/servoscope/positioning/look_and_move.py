@@ -6,7 +6,7 @@ from os import PathLike
 
 from servoscope.errors import InvalidInputError
 from servoscope.positioning import guard
-from servoscope.positioning.interfaces import Camera, Estimator, Robot
+from servoscope.positioning.interfaces import Camera, Estimator, Robot, dofs_of
 from servoscope.positioning.model import PositioningModel
 from servoscope.positioning.reference_view import ReferenceView
 from servoscope.positioning.result import PositioningResult
@@ -25,7 +25,8 @@ class Positioner:
     Raises
     ------
     InvalidInputError
-        If the estimator's reference image does not fit its image shape, or shows nothing.
+        If the estimator's reference image does not fit its image shape, or shows nothing, or if a
+        tolerance is of a dof that the estimator is not for.
 
     Examples
     --------
@@ -60,6 +61,12 @@ class Positioner:
         if reason := guard.image_format_fault(reference, estimator.image_shape):
             raise InvalidInputError(f"The reference image does not fit. {reason}")
         ReferenceView(reference)
+        dofs = dofs_of(estimator)
+        if others := [dof for dof in self.settings.tolerances if dof not in dofs]:
+            raise InvalidInputError(
+                f"tolerances must be of dofs that the model commands, {', '.join(dofs)}, got "
+                f"{', '.join(others)}; leave it out."
+            )
 
     @classmethod
     def load(cls, folder: str | PathLike[str], settings: LoopSettings | None = None) -> Positioner:

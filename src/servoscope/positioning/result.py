@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.poses import DOFS
 from servoscope.positioning.interfaces import Estimate
 from servoscope.positioning.reference_view import Comparison
 
@@ -100,6 +101,8 @@ class PositioningResult:
     steps : tuple of Step
     returned_to : int or None
         Number of the step whose pose the robot went back to, if it did.
+    dofs : tuple of str
+        The degrees of freedom that were commanded; `remaining` and `std` are NaN in all others.
     """
 
     status: str
@@ -109,6 +112,7 @@ class PositioningResult:
     std: Array
     steps: tuple[Step, ...]
     returned_to: int | None = None
+    dofs: tuple[str, ...] = DOFS
 
     @property
     def predicted_error(self) -> Array:
@@ -121,6 +125,7 @@ class PositioningResult:
             "status": self.status,
             "message": self.message,
             "moves": self.moves,
+            "dofs": list(self.dofs),
             "remaining": plain(self.remaining),
             "std": plain(self.std),
             "predicted_error": plain(self.predicted_error),

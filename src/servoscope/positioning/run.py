@@ -10,12 +10,21 @@ from typing import NoReturn
 
 import numpy as np
 
+from servoscope.dofs import mask_of
 from servoscope.poses import displacements_from_poses, inverse_transform
 from servoscope.positioning import arrival, guard
 from servoscope.positioning.consistency import CAUSES, LATE, Innovation, innovation
 from servoscope.positioning.devices import Interruption, RunEnded, WatchedCamera, WatchedRobot
 from servoscope.positioning.guard import as_text
-from servoscope.positioning.interfaces import Array, Camera, Estimate, Estimator, Image, Robot
+from servoscope.positioning.interfaces import (
+    Array,
+    Camera,
+    Estimate,
+    Estimator,
+    Image,
+    Robot,
+    dofs_of,
+)
 from servoscope.positioning.reference_view import Comparison, ReferenceView
 from servoscope.positioning.result import PositioningResult, Step
 from servoscope.positioning.settings import ORDINARY_MISS, LoopSettings
@@ -56,6 +65,7 @@ class Run:
         on_step: OnStep | None,
     ) -> None:
         self.estimator = estimator
+        self.dofs = dofs_of(estimator)
         self.settings = settings
         self.robot = WatchedRobot(robot, settings)
         self.camera = WatchedCamera(camera, estimator.image_shape, settings)
@@ -128,8 +138,9 @@ class Run:
             message += f" The robot went back to the best pose seen, look {self.returned_to + 1}."
         remaining, std = self._belief()
         return PositioningResult(
-            status, message, self.robot.moves, remaining, std, tuple(self.steps), self.returned_to
-        )
+            status, message, self.robot.moves, remaining, std, tuple(self.steps), self.returned_to,
+            self.dofs,
+        )  # fmt: skip
 
     def _look(self) -> Array | None:
         """Take an image and decide: the move to make, or None to look again from here."""
@@ -432,7 +443,9 @@ class Run:
             displacement = displacement @ step.executed
         pivot = self.estimator.pivot
         delta_p = displacements_from_poses(np.eye(4), displacement[None], pivot)[0]
-        return delta_p, np.array(step.estimate.std, dtype=float)
+        is_commanded = mask_of(self.dofs)
+        std = np.array(step.estimate.std, dtype=float)
+        return np.where(is_commanded, delta_p, np.nan), np.where(is_commanded, std, np.nan)
 
 
 _EQUAL = "The image equals the reference to within its noise."

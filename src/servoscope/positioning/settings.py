@@ -191,9 +191,13 @@ class LoopSettings:
         )
 
     def workspace(self, reach: Array, pivot: float) -> Array:
-        """Half-widths of the box around the start, camera form, shape (6,), [m] and [rad]."""
+        """Half-widths of the box around the start, camera form, shape (6,), [m] and [rad].
+
+        Infinite in dofs that are never commanded: the reach is 0 there.
+        """
         ranges = displacement_ranges(reach, pivot, "camera")
-        return np.maximum(self.workspace_margin * ranges, LEAST_BOX)
+        box = np.maximum(self.workspace_margin * ranges, LEAST_BOX)
+        return np.where((reach > 0) | (ranges > 0), box, np.inf)
 
 
 def _about_pivot(mm: float, deg: float, pivot: float) -> Array:

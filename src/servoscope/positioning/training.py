@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.dataset import PoseImageSet
+from servoscope.dofs import mask_of
 from servoscope.errors import DataSetError, InvalidInputError, ServoscopeWarning
 from servoscope.poses import DISPLAY_FACTORS, DOFS, displacements_from_poses
 from servoscope.positioning.calibration import Calibration
@@ -56,11 +57,12 @@ def train(
     ----------
     data : PoseImageSet
         Best taken in rings around the reference, see ``servoscope acquire --schedule``. Its poses
-        may be the flange's: where the camera sits need not be known.
+        may be the flange's: where the camera sits need not be known. The model reads and commands
+        the degrees of freedom of ``data.dofs``.
     method : {"auto", "keyframe", "levels"}
         Fit a keyframe, which takes 15 to 60 images, or learn levels and networks, which take
-        hundreds; by default a keyframe if the images are too few for levels, else what reads
-        images held out better.
+        hundreds and all six degrees of freedom; by default a keyframe if the images are too few
+        for levels, else what reads images held out better.
     seed : int
         Draws the nets' starts, what is held out, and the disturbances.
     n_jobs : int, optional
@@ -77,8 +79,10 @@ def train(
     Raises
     ------
     DataSetError
-        If there are too few images, a dof never moves, or most dofs of images held out are
-        predicted no better than by their mean.
+        If there are too few images, nothing moves or a dof that was asked for does not, or most
+        dofs of images held out are predicted no better than by their mean.
+    InvalidInputError
+        If levels are to be learned of images that are not displaced in all six dofs.
 
     Warns
     -----
@@ -86,13 +90,9 @@ def train(
         If some dofs of images held out are predicted no better than by their mean, or a few images
         are left out as outliers.
     """
-    if not data.moves().all():
-        raise DataSetError(
-            "Training for positioning needs images displaced along and about every axis, but "
-            "some dofs never move in this data set; take images with all six displaced."
-        )
     if method not in METHODS:
         raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, got {method!r}.")
+    method = _method_for(data, method)
     data = within_range(data)
     calibration = calibration or Calibration()
     if method == "keyframe" or (
@@ -115,6 +115,25 @@ def train(
     return levels
 
 
+def _method_for(data: PoseImageSet, method: str) -> str:
+    """The method for the degrees of freedom of a data set: a keyframe if they are not all six."""
+    still = [dof for dof in data.dofs if not data.moves()[DOFS.index(dof)]]
+    if still or not data.dofs:
+        found = f"{', '.join(still) or 'nothing'} {'never ' * bool(still)}moves in this data set"
+        raise DataSetError(
+            f"A model needs images displaced in each dof that it is to command, but {found}; take "
+            "images that are, or name others with --dofs."
+        )
+    if data.dofs == DOFS:
+        return method
+    if method == "levels":
+        raise InvalidInputError(
+            "Levels are learned of images displaced in all six dofs, but these are for "
+            f"{', '.join(data.dofs)}; leave --method out: a keyframe reads them."
+        )
+    return "keyframe"
+
+
 def within_range(data: PoseImageSet) -> PoseImageSet:
     """The images within the range; a few are not where the range is estimated without outliers.
 
@@ -125,7 +144,7 @@ def within_range(data: PoseImageSet) -> PoseImageSet:
     """
     if data.pivot_ranges is not None:
         return data
-    is_outlier = (np.abs(data.delta_p()) > _OUTLYING * data.ranges()).any(axis=1)
+    is_outlier = (np.abs(data.delta_p()) > _OUTLYING * data.ranges())[:, mask_of(data.dofs)].any(1)
     if not is_outlier.any():
         return data
     outliers = [data.names[int(i)] for i in np.flatnonzero(is_outlier)]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.acquisition_config import MOST_DEG, MOST_MM
+from servoscope.dofs import mask_of
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 from servoscope.positioning.keyframe_model import KeyframeModel
@@ -80,7 +81,7 @@ class Rehearsal:
 
     @cached_property
     def ranges(self) -> Array:
-        """Largest displacements of a start about the pivot, (6,), [m] and [rad]."""
+        """Largest displacements of a start about the pivot, [m] and [rad], 0 in other dofs."""
         source = self.model.trained_on
         asked = np.array(self.model.reach, dtype=float)
         for part, name, given in (
@@ -90,7 +91,7 @@ class Rehearsal:
             value = source.get(name) if given is None else given
             if isinstance(value, int | float) and 0 < value < np.inf:
                 asked[part] = value / DISPLAY_FACTORS[part]
-        return asked
+        return np.where(mask_of(self.model.dofs), asked, 0.0)
 
     @cached_property
     def errors(self) -> OwnErrors:
@@ -126,12 +127,12 @@ class Rehearsal:
             for block in in_processes(_run_block, calls, n_jobs):
                 trials += block
                 advance(len(trials))
-        factor = CONDITIONS[condition].factor
+        shares = CONDITIONS[condition].factor * mask_of(self.model.dofs)
         return {
             **summarise_rehearsal(trials),
             "starts": [
                 {
-                    "shares": (factor * start_direction(self.seed, k)).round(4).tolist(),
+                    "shares": (shares * start_direction(self.seed, k)).round(4).tolist(),
                     "succeeded": trial.succeeded,
                     "status": trial.status,
                     "message": trial.message,
@@ -157,6 +158,7 @@ class Rehearsal:
         return {
             dof: {"value": value, "unit": unit}
             for dof, value, unit in zip(DOFS, values, DISPLAY_UNITS, strict=True)
+            if dof in self.model.dofs
         }
 
 

@@ -63,26 +63,26 @@ class OwnErrors:
         Raises
         ------
         ModelError
-            If the model's median errors are not six numbers, 0 or more.
+            If the model's median errors are not one number, 0 or more, for each of its dofs.
         """
         keyframe = model.keyframe
         reading = keyframe.model_error
         if "median" in model.accuracy:
-            median = _by_dof(model.accuracy["median"]) / DISPLAY_FACTORS
+            median = _by_dof(model.accuracy["median"], model.dofs) / DISPLAY_FACTORS
             shift = float(np.median(shifts(keyframe, keyframe.displacements)))
             reading = np.maximum(reading, median / _NORMAL_MEDIAN / max(shift, 1e-3))
         return cls(reading, relief_error(keyframe))
 
 
-def _by_dof(values: Any) -> Array:
-    """Six numbers by the names of the dofs."""
+def _by_dof(values: Any, dofs: tuple[str, ...]) -> Array:
+    """Six numbers by the names of the dofs; 0 for those that there are not."""
     try:
-        array = np.array([float(values[dof]) for dof in DOFS])
+        array = np.array([float(values[dof]) if dof in dofs else 0.0 for dof in DOFS])
     except (LookupError, TypeError, ValueError):
         array = np.full(6, np.nan)
     if not (np.isfinite(array) & (array >= 0)).all():
         raise ModelError(
-            f"The median errors of a model must be six numbers named {', '.join(DOFS)}, got "
+            f"The median errors of a model must be numbers named {', '.join(dofs)}, got "
             f"{str(values)[:80]!r}; train it again."
         )
     return array

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.poses import poses_from_displacements
+from servoscope.dofs import mask_of
+from servoscope.poses import DOFS, poses_from_displacements
 from servoscope.robots.late_images import LateImages
 from servoscope.robots.registry import SimulatedRobot, make_robot
 from servoscope.scene.parts import make_part
@@ -36,10 +37,23 @@ def start_direction(seed: int, start: int) -> Array:
     return np.random.default_rng([seed, _STARTS, start]).uniform(-1.0, 1.0, 6)
 
 
-def start_pose(seed: int, start: int, factor: float) -> Array:
-    """``T_world_cam`` of a start, (4, 4), [m]: the same direction for every factor."""
-    delta_p = factor * RANGES * start_direction(seed, start)
-    return poses_from_displacements(T_WORLD_REF, delta_p, PIVOT)
+def start_pose(
+    seed: int, start: int, factor: float, dofs: tuple[str, ...] = DOFS, pivot: float = PIVOT
+) -> Array:
+    """``T_world_cam`` of a start, (4, 4), [m]: the same direction for every factor.
+
+    Parameters
+    ----------
+    seed, start : int
+    factor : float
+        Of the range.
+    dofs : tuple of str
+        In which it is displaced.
+    pivot : float
+        Distance from the camera of the point that it is turned about, [m].
+    """
+    delta_p = factor * RANGES * start_direction(seed, start) * mask_of(dofs)
+    return poses_from_displacements(T_WORLD_REF, delta_p, pivot)
 
 
 def trial_rng(seed: int, condition: str, start: int) -> np.random.Generator:
@@ -71,10 +85,13 @@ def robot_in_cell(
     image_size: int,
     seed: int,
     start: int = 0,
+    dofs: tuple[str, ...] | None = None,
+    pivot: float = PIVOT,
 ) -> SimulatedRobot:
     """A robot over a part, with its camera at a start, under all of a condition but its robot.
 
-    Its first image takes no longer than the others: the scene is prepared here.
+    Its first image takes no longer than the others: the scene is prepared here. The start is
+    displaced in some dofs about a pivot, see `start_pose`; by default in those of the condition.
 
     Raises
     ------
@@ -84,7 +101,7 @@ def robot_in_cell(
     changes = CONDITIONS[condition]
     trained = scene_of_training(part, image_size, variant)
     seen = changes.change(trained, start + 1000 * seed)
-    T_world_cam = start_pose(seed, start, changes.factor)
+    T_world_cam = start_pose(seed, start, changes.factor, dofs or changes.dofs, pivot)
     rng = trial_rng(seed, condition, start)
     made = make_robot(robot, seen, changes.repeatability, rng, T_world_cam)
     prepare(seen)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from servoscope.poses import DOFS
 from servoscope.positioning.disturbances import Disturbances
 from servoscope.robots.free_camera import Repeatability
 from servoscope.scene.covering import Covering
@@ -71,6 +72,8 @@ class Condition:
         How many reads old the images of a trial are.
     depth_factor : float
         What the baseline is told of the depth, relative to the truth.
+    dofs : tuple of str
+        The degrees of freedom that the robot has, in training too.
     """
 
     gain: float = 1.0
@@ -85,6 +88,7 @@ class Condition:
     repeatability: Repeatability = _EXACT
     late: int = 0
     depth_factor: float = 1.0
+    dofs: tuple[str, ...] = DOFS
 
     @property
     def is_for_baseline_alone(self) -> bool:
@@ -94,7 +98,7 @@ class Condition:
     @property
     def is_of_images(self) -> bool:
         """Whether it can be made of images of the part and needs no scene: see `disturbances`."""
-        as_trained = replace(self, part=_same_part, robot="free", depth_factor=1.0)
+        as_trained = replace(self, part=_same_part, robot="free", depth_factor=1.0, dofs=DOFS)
         return self == as_trained
 
     def change(self, scene: Scene, number: int) -> Scene:
@@ -136,8 +140,10 @@ CONDITIONS = {
     "arm": Condition(robot="arm"),
     "stale_frames": Condition(late=1),
     "light_falloff": Condition(falloff=(1.15, 0.7)),
+    "planar": Condition(dofs=("tx", "ty", "rz")),
 }
 """Every condition, by name. ``gain`` turns down the sensor; ``noise_10`` adds noise of ten grey
 levels; ``defocus`` blurs by two pixels of 256 more (`servoscope.scene.strengths`);
 ``repeatability`` is 0.05 mm and 0.01 deg a move; the images of ``stale_frames`` are one read
-old; ``light_falloff`` multiplies the light by 1.15 on one side of the view and 0.7 on the other."""
+old; ``light_falloff`` multiplies the light by 1.15 on one side of the view and 0.7 on the other;
+the robot of ``planar`` moves along x and y and about z alone, in training too."""

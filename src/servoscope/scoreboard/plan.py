@@ -6,10 +6,15 @@ from dataclasses import dataclass
 
 from servoscope.acquisition import AcquisitionConfig
 from servoscope.errors import InvalidInputError
+from servoscope.poses import DOFS
 from servoscope.schedule import RECOMMENDED, Schedule, parse_schedule
 from servoscope.scoreboard.conditions import CONDITIONS
+from servoscope.scoreboard.methods import METHODS
 
 QUICK_CONDITIONS = ("range_1.0", "gain_0.8", "covered_10", "noise_10")
+SUBSET_SCHEDULE = parse_schedule("40@1.6")
+"""What a robot that has not all six dofs learns from."""
+
 QUICK_SCHEDULE = parse_schedule("500@1.6,300@1.0,200@0.4,150@0.12,150@0.04")
 
 STARTS, QUICK_STARTS = 100, 10
@@ -79,15 +84,22 @@ class Plan:
             return QUICK_STARTS if self.quick else STARTS
         return self.starts
 
-    def acquisition(self, scene: str, robot: str) -> AcquisitionConfig:
+    def acquisition(
+        self, scene: str, robot: str, dofs: tuple[str, ...] = DOFS
+    ) -> AcquisitionConfig:
         """The images that methods learn from."""
         return AcquisitionConfig(
             image_size=self.image_size,
             seed=self.seed,
-            schedule=self.schedule,
+            schedule=self.schedule if dofs == DOFS else SUBSET_SCHEDULE,
             part=scene,
             robot=robot,
+            dofs=dofs,
         )
+
+    def methods(self, condition: str) -> tuple[str, ...]:
+        """The methods that are measured under a condition: ours alone moves in some dofs only."""
+        return METHODS if CONDITIONS[condition].dofs == DOFS else METHODS[:1]
 
     def n_trials(self, scene: str, condition: str, method: str) -> int:
         """How many starts a method has; 0 where its trials are those of range 1.0."""

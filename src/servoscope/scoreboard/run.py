@@ -17,9 +17,8 @@ from servoscope.files import write_json
 from servoscope.positioning import Estimator
 from servoscope.processes import in_processes
 from servoscope.progress import ProgressBar, no_progress
-from servoscope.robots.registry import ROBOTS
 from servoscope.scoreboard.conditions import CONDITIONS, SCENES
-from servoscope.scoreboard.methods import METHODS, loop_settings
+from servoscope.scoreboard.methods import loop_settings
 from servoscope.scoreboard.plan import Plan
 from servoscope.scoreboard.stages import Stages
 from servoscope.scoreboard.summary import summarise
@@ -66,13 +65,14 @@ class Scoreboard:
             ``results[scene][condition][method]`` of `summarise`, ``targets``, and how it was made.
         """
         inputs = {"plan": asdict(self.plan), "servoscope": __version__}
-        for scene, robot in product(SCENES, ROBOTS):
-            conditions = [c for c in self.plan.conditions if CONDITIONS[c].robot == robot]
-            if not conditions:
-                continue
+        robots: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+        for name in self.plan.conditions:
+            robots.setdefault((CONDITIONS[name].robot, CONDITIONS[name].dofs), []).append(name)
+        for scene, ((robot, dofs), conditions) in product(SCENES, robots.items()):
             workshop = Workshop(
-                self.folder, self.plan, scene, robot, n_jobs=self.n_jobs, progress=self.progress
-            )
+                self.folder, self.plan, scene, robot, dofs,
+                n_jobs=self.n_jobs, progress=self.progress,
+            )  # fmt: skip
             workshop.prepare()
             for condition in conditions:
                 run_trials = partial(self._run_trials, workshop, condition)
@@ -92,10 +92,13 @@ class Scoreboard:
         """
         read = {name: self._read_trials(scene, name) for name in self.plan.conditions}
         for condition, by_method in read.items():
-            for method in METHODS:
+            for method in self.plan.methods(condition):
                 if not self.plan.n_trials(scene, condition, method):
                     by_method[method] = read["range_1.0"][method]
-        return {name: {m: read[name][m] for m in METHODS} for name in self.plan.conditions}
+        return {
+            name: {m: read[name][m] for m in self.plan.methods(name)}
+            for name in self.plan.conditions
+        }
 
     def _run_trials(self, workshop: Workshop, condition: str) -> None:
         calls = list(self._calls(workshop, condition))
@@ -115,7 +118,7 @@ class Scoreboard:
         """The arguments of `_run_block`, those that take longest first."""
         changes = CONDITIONS[condition]
         where = workshop.scene, condition, self.plan.image_size, self.plan.seed
-        for method in reversed(METHODS):
+        for method in reversed(self.plan.methods(condition)):
             n_trials = self.plan.n_trials(workshop.scene, condition, method)
             if not n_trials:
                 continue

@@ -53,17 +53,15 @@ def _compare_prediction(trials: Sequence[Trial]) -> dict[str, float] | None:
     believed deviations of the believed one; ``error_over_std_median`` the median of their ratio,
     0.67 where the deviations are right and errors normal. None where nothing is believed.
     """
-    rows = [
-        (trial.believed, trial.std, trial.truth)
-        for trial in trials
-        if None not in (*trial.believed, *trial.std, *trial.truth)
-    ]
-    if not rows:
-        return None
+    rows = [(trial.believed, trial.std, trial.truth) for trial in trials]
     believed, std, truth = np.array(rows, dtype=float).transpose(1, 0, 2)
-    ratio = np.abs(truth - believed) / np.maximum(std, 1e-12)
+    ratios = np.abs(truth - believed) / np.maximum(std, 1e-12)
+    is_known = np.isfinite(ratios)
+    if not is_known.any():
+        return None
+    ratio = ratios[is_known]
     return {
-        "trials": len(rows),
+        "trials": int(is_known.any(axis=1).sum()),
         "within_2_std": round(float(np.mean(ratio <= 2)), 4),
         "error_over_std_median": round(float(np.median(ratio)), 4),
     }

@@ -21,7 +21,8 @@ def table_rows(scoreboard: dict[str, Any], scene: str) -> list[tuple[str, ...]]:
         (
             condition,
             *(
-                _cell(by_method[method]) + _mark(scoreboard, scene, condition) * (method == "ours")
+                _cell(by_method.get(method))
+                + _mark(scoreboard, scene, condition) * (method == "ours")
                 for method in METHODS
             ),
         )
@@ -58,7 +59,9 @@ def _mark(scoreboard: dict[str, Any], scene: str, condition: str) -> str:
     return " (missed)" if missed else ""
 
 
-def _cell(numbers: dict[str, Any]) -> str:
+def _cell(numbers: dict[str, Any] | None) -> str:
+    if numbers is None:
+        return "-"
     moves = "-" if numbers["moves_median"] is None else f"{numbers['moves_median']:g}"
     return (
         f"{numbers['success']}/{numbers['trials']}, {moves} moves, "

@@ -22,6 +22,7 @@ LEAST_SHARES = {
     "noise_10": 0.95,
     "repeatability": 0.95,
     "range_1.5": 0.90,
+    "planar": 0.95,
 }
 """Share of the starts that are to succeed."""
 

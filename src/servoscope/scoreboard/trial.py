@@ -100,7 +100,8 @@ def run_start(
         try:
             robot = robot_at_start(scene, condition, image_size, seed, start)
         except RobotFaultError as fault:
-            T_world_cam = start_pose(seed, start, CONDITIONS[condition].factor)
+            changes = CONDITIONS[condition]
+            T_world_cam = start_pose(seed, start, changes.factor, changes.dofs)
             return _never_started(str(fault), T_world_cam, reference.true_pose)
         return run_trial(robot, reference, estimator, settings)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from servoscope import __version__
 from servoscope.acquisition import AcquisitionConfig, acquire
 from servoscope.dataset import PoseImageSet
+from servoscope.poses import DOFS
 from servoscope.positioning import Estimator
 from servoscope.processes import one_blas_thread
 from servoscope.progress import ProgressBar
@@ -25,6 +26,8 @@ class Workshop:
     folder : Stages
     plan : Plan
     scene, robot : str
+    dofs : tuple of str
+        That the robot has.
     n_jobs : int
     progress : ProgressBar
     """
@@ -35,26 +38,28 @@ class Workshop:
         plan: Plan,
         scene: str,
         robot: str,
+        dofs: tuple[str, ...] = DOFS,
         *,
         n_jobs: int,
         progress: ProgressBar,
     ) -> None:
         self.folder, self.plan = folder, plan
-        self.scene, self.robot = scene, robot
+        self.scene, self.robot, self.dofs = scene, robot, dofs
         self.n_jobs, self.progress = n_jobs, progress
         self._loaded: dict[str, Estimator] = {}
 
     @property
     def name(self) -> str:
-        """Scene and robot, as files are called."""
-        return f"{self.scene}_{self.robot}"
+        """Scene, robot and what it moves in unless that is all, as files are called."""
+        only = "" if self.dofs == DOFS else "_" + "".join(self.dofs)
+        return f"{self.scene}_{self.robot}{only}"
 
     def prepare(self) -> None:
         """Take the images and train, as far as that is not done."""
         inputs = {"images": self._config.plan(), "servoscope": __version__}
         whole = [f"dataset/{self.name}/{part}" for part in ("meta.json", "images.zarr")]
         self.folder.run_stage(f"images_{self.name}", inputs, self._take_images, whole)
-        for method in LEARNERS:
+        for method in LEARNERS if self.dofs == DOFS else ("ours",):
             stage, model = f"train_{self.name}_{method}", self._model(method)
             made = [str(model.relative_to(self.folder.path))]
             self.folder.run_stage(stage, inputs, partial(self._train, method), made)
@@ -80,7 +85,7 @@ class Workshop:
 
     @property
     def _config(self) -> AcquisitionConfig:
-        return self.plan.acquisition(self.scene, self.robot)
+        return self.plan.acquisition(self.scene, self.robot, self.dofs)
 
     @cached_property
     def _images(self) -> PoseImageSet:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from servoscope.dataset import PoseImageSet
+from servoscope.dofs import mask_of
 from servoscope.errors import InvalidInputError
 from servoscope.features import PoseImageCovariance
 from servoscope.files import write_atomically
@@ -103,7 +104,7 @@ def draw_keyframe(
         The upper row shows the reference image, distance, trust and residual; the next ones what
         each pixel contributes to the limit of each dof, and the square of its covariance.
     """
-    limit = keyframe.limit()
+    limit, is_read = keyframe.limit(), mask_of(keyframe.dofs)
     height, width = keyframe.reference_image.shape
     rows = 2 if covariance_images is None else 3
     figure = Figure(
@@ -111,14 +112,16 @@ def draw_keyframe(
     )
     parts: Any = figure.subfigures(rows, 1, height_ratios=[1.1] + [1.0] * (rows - 1))
     _draw_view(parts[0], keyframe, residual)
-    _draw_dofs(parts[1], limit.shares, keyframe.reference_image, _limit_titles(limit))
+    titles = [title for title in _limit_titles(limit) if title[:2] in keyframe.dofs]
+    _draw_dofs(parts[1], limit.shares[is_read], keyframe.reference_image, titles)
     parts[1].suptitle(
         "Where each dof is read, and its limit in one image (standard deviation)",
         fontsize=NORMAL + 1,
         color=INK,
     )
     if covariance_images is not None:
-        _draw_dofs(parts[2], covariance_images**2, keyframe.reference_image, list(DOFS))
+        squares = covariance_images[is_read] ** 2
+        _draw_dofs(parts[2], squares, keyframe.reference_image, list(keyframe.dofs))
         parts[2].suptitle(
             "Pose-image covariance of the data set, squared", fontsize=NORMAL + 1, color=INK
         )
@@ -159,7 +162,7 @@ def _draw_view(figure: Any, keyframe: Keyframe, residual: Array | None) -> None:
 
 
 def _draw_dofs(figure: Any, shares: Array, reference_image: Array, titles: list[str]) -> None:
-    axes = figure.subplots(1, len(DOFS))
+    axes = figure.subplots(1, len(titles), squeeze=False)[0]
     for ax, part, title in zip(axes, shares, titles, strict=True):
         plot_shares(part, reference_image, title=title, ax=ax)
 
