@@ -18,7 +18,7 @@ from servoscope import AcquisitionConfig, Keyframe, acquire
 from servoscope.acquisition import take_image
 from servoscope.acquisition_until import FIRST, N_GROUPS, NEXT, acquire_until
 from servoscope.dataset import PoseImageSet
-from servoscope.keyframe import forecast_accuracy, held_out_looks, next_displacements
+from servoscope.keyframe import forecast_accuracy, next_displacements, read_held_out
 from servoscope.poses import (
     DISPLAY_FACTORS,
     displacements_from_poses,
@@ -92,7 +92,7 @@ def _forecasts(
             _, data = _data(name, max(sizes), seed)
             for n in sizes:
                 images, poses = data.images[:n], data.T_world_cam[:n]
-                looks = held_out_looks(
+                looks = read_held_out(
                     images, poses, data.reference_image, data.T_world_ref,
                     np.arange(n) % N_GROUPS, pivot=data.pivot,
                 )  # fmt: skip

@@ -30,8 +30,8 @@ from servoscope.keyframe import (
     AccuracyForecast,
     Keyframe,
     forecast_accuracy,
-    held_out_looks,
     next_displacements,
+    read_held_out,
 )
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS, displacements_from_poses
 from servoscope.processes import in_processes
@@ -349,7 +349,7 @@ def _standing(
     """Keyframe and forecast of some images."""
     groups = np.arange(len(images)) % N_GROUPS
     dofs = tuple(dof for dof, most in zip(DOFS, ranges, strict=True) if most > 0)
-    looks = held_out_looks(
+    looks = read_held_out(
         images, poses, reference_image, T_world_ref, groups, n_jobs=n_jobs, pivot=pivot, dofs=dofs
     )
     keyframe = Keyframe.fit(images, poses, reference_image, T_world_ref, pivot=pivot, dofs=dofs)

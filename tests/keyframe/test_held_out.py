@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from layered_world import HEIGHT, WIDTH, photographs, poses_about, reported
-from servoscope.keyframe import held_out_looks
+from servoscope.keyframe import read_held_out
 
 N, NOISE = 12, 3.0
 REFERENCE = photographs(np.eye(4)[None], 99, noise=NOISE)[0]
@@ -26,7 +26,7 @@ def moving():
 
 @pytest.fixture(scope="module")
 def looks(moving):
-    return held_out_looks(*moving, pivot=0.1)
+    return read_held_out(*moving, pivot=0.1)
 
 
 @pytest.mark.slow
@@ -55,6 +55,6 @@ def test_residuals_of_what_is_explained_are_near_the_noise(looks):
 
 @pytest.mark.slow
 def test_what_is_held_out_does_not_depend_on_the_number_of_processes(moving, looks):
-    shared = held_out_looks(*moving, n_jobs=2, pivot=0.1)
+    shared = read_held_out(*moving, n_jobs=2, pivot=0.1)
     for name, value in vars(looks).items():
         np.testing.assert_array_equal(getattr(shared, name), value, err_msg=name)

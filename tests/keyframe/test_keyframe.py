@@ -20,7 +20,7 @@ from layered_world import (
 )
 from servoscope import CameraModel, Keyframe
 from servoscope.errors import InvalidInputError
-from servoscope.keyframe import held_out_looks
+from servoscope.keyframe import read_held_out
 from servoscope.poses import displacements_from_poses, inverse_transform, pose_error
 
 N_FITTED, PIVOT = 14, 0.1
@@ -304,10 +304,10 @@ def test_groups_are_read_by_keyframes_that_never_saw_them():
     wrong[:6] = photographs(poses_about(6, 31), 4)  # of other displacements than are reported
     options = {"camera": CameraModel(FOCAL), "mount": MOUNT, "pivot": PIVOT}
     groups = np.repeat([0, 1], 6)
-    looks = held_out_looks(wrong, poses, REFERENCE, np.eye(4), groups, **options)
+    looks = read_held_out(wrong, poses, REFERENCE, np.eye(4), groups, **options)
     assert looks.errors.shape == looks.std.shape == (12, 6)
     off = np.linalg.norm(looks.errors[:, :3], axis=1)
     assert np.median(off[:6]) > 0.01  # read well, by the good half, hence off what is reported
     assert (looks.similarity[:6] > 0.8).all()
     with pytest.raises(InvalidInputError, match="two groups or more"):
-        held_out_looks(images, poses, REFERENCE, np.eye(4), np.zeros(12))
+        read_held_out(images, poses, REFERENCE, np.eye(4), np.zeros(12))

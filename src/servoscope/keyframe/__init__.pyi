@@ -2,8 +2,8 @@ from .alignment import Alignment as Alignment
 from .camera import CameraModel as CameraModel
 from .forecast import AccuracyForecast as AccuracyForecast
 from .forecast import forecast_accuracy as forecast_accuracy
-from .held_out import HeldOutLooks as HeldOutLooks
-from .held_out import held_out_looks as held_out_looks
+from .held_out import Readings as Readings
+from .held_out import read_held_out as read_held_out
 from .keyframe import Keyframe as Keyframe
 from .limit import ViewLimit as ViewLimit
 from .next_images import next_displacements as next_displacements

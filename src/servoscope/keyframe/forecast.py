@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from servoscope.keyframe.held_out import HeldOutLooks
+from servoscope.keyframe.held_out import Readings
 from servoscope.keyframe.keyframe import Keyframe
 from servoscope.keyframe.motion import conjugate
 from servoscope.poses import poses_from_displacements
@@ -43,7 +43,7 @@ class AccuracyForecast:
 
 def forecast_accuracy(
     keyframe: Keyframe,
-    looks: HeldOutLooks,
+    readings: Readings,
     delta_p: ArrayLike,
     reach: ArrayLike,
     *,
@@ -62,7 +62,7 @@ def forecast_accuracy(
     ----------
     keyframe : Keyframe
         Fitted to all images.
-    looks : HeldOutLooks
+    readings : Readings
     delta_p : array of shape (n, 6)
         Where the images that were held out were taken, as reported, about the pivot.
     reach : array of shape (6,)
@@ -83,7 +83,9 @@ def forecast_accuracy(
     about = abs(keyframe.pivot) * sigma_r
     poses = np.array([np.hypot(sigma_t, about)] * 2 + [sigma_t] + [sigma_r] * 3)
     shifts = _view_shifts(keyframe, np.asarray(delta_p, dtype=float))
-    squares = np.maximum(looks.errors**2 - (MEDIAN * poses) ** 2, _LEAST_SHARE * looks.errors**2)
+    squares = np.maximum(
+        readings.errors**2 - (MEDIAN * poses) ** 2, _LEAST_SHARE * readings.errors**2
+    )
     growth = np.sqrt(np.median(squares / shifts[:, None] ** 2, axis=0) * (1 - 1 / n_groups))
     end = MEDIAN * _std_at_reference(keyframe, rng)
     drawn = rng.uniform(-1, 1, (_N_OVER_RANGE, 6)) * np.asarray(reach, dtype=float)
@@ -99,7 +101,7 @@ def _view_shifts(keyframe: Keyframe, delta_p: Array) -> Array:
 
 
 def _std_at_reference(keyframe: Keyframe, rng: np.random.Generator) -> Array:
-    """What is believed of looks at the reference, with the noise of an image."""
+    """What is believed of readings at the reference, with the noise of an image."""
     shape = (_N_AT_END, *keyframe.reference_image.shape)
     noisy = keyframe.reference_image + keyframe.noise * rng.normal(size=shape)
     images = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)

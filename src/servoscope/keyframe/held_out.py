@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,8 +23,8 @@ SimilarityBy = Callable[[Keyframe], Callable[[NDArray[np.uint8], Array], float]]
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOutLooks:
-    """One look at every image, by a keyframe that was fitted without the image's group.
+class Readings:
+    """What keyframes read of images that they were not fitted to.
 
     Parameters
     ----------
@@ -32,11 +33,8 @@ class HeldOutLooks:
     std : ndarray of shape (n, 6)
         What was believed of it.
     similarity : ndarray of shape (n,)
-    residual : ndarray of shape (n,)
-        Robust standard deviation of the residuals of each image, [grey].
-    residual_map : ndarray of shape (rows, columns), float32
-        The same of each pixel of the reference over the images that see it, [grey]; NaN where none
-        does.
+    residuals : ndarray of shape (n, rows, columns), float32
+        Of each image and pixel of the reference, [grey]; NaN where it is not seen.
     noise : float
         What of the images' noise is left in a residual, [grey]: the least that can be reached.
     """
@@ -44,9 +42,54 @@ class HeldOutLooks:
     errors: Array
     std: Array
     similarity: Array
-    residual: Array
-    residual_map: NDArray[np.float32]
+    residuals: NDArray[np.float32]
     noise: float
+
+    @classmethod
+    def of(
+        cls,
+        keyframe: Keyframe,
+        images: NDArray[np.uint8],
+        T_world_cam: Array,
+        T_world_ref: ArrayLike,
+        similarity_by: SimilarityBy | None = None,
+    ) -> Readings:
+        """What a keyframe reads of images in one look each, without a first guess.
+
+        Parameters
+        ----------
+        keyframe : Keyframe
+            Not fitted to them.
+        images, T_world_cam, T_world_ref
+            As for `Keyframe.fit`.
+        similarity_by : callable, optional
+            As for `read_held_out`.
+        """
+        residuals = Residuals(keyframe)
+        with one_blas_thread():
+            found = [keyframe.align(image) for image in images]
+        similarity = [f.similarity for f in found]
+        if similarity_by is not None:
+            find = similarity_by(keyframe)
+            similarity = [find(i, f.displacement) for i, f in zip(images, found, strict=True)]
+        true = displacements_from_poses(T_world_ref, T_world_cam, keyframe.pivot)
+        return cls(
+            np.array([f.delta_p for f in found]) - true,
+            np.array([f.std for f in found]),
+            np.array(similarity),
+            np.stack([residuals.of(image, f) for image, f in zip(images, found, strict=True)]),
+            residuals.noise,
+        )
+
+    @cached_property
+    def residual(self) -> Array:
+        """Robust standard deviation of the residuals of each image, (n,), [grey]."""
+        return deviation(self.residuals, axis=(1, 2)).astype(float)
+
+    @cached_property
+    def residual_map(self) -> NDArray[np.float32]:
+        """The same of each pixel over the images that see it, [grey]; NaN where none does."""
+        return deviation(self.residuals, axis=0)
 
     @property
     def residual_over_noise(self) -> float:
@@ -55,7 +98,7 @@ class HeldOutLooks:
         return float(np.median(seen)) / self.noise if len(seen) else 0.0
 
 
-def held_out_looks(
+def read_held_out(
     images: NDArray[np.uint8],
     T_world_cam: ArrayLike,
     reference_image: NDArray[np.uint8],
@@ -65,7 +108,7 @@ def held_out_looks(
     similarity_by: SimilarityBy | None = None,
     n_jobs: int | None = 1,
     **options: Any,
-) -> HeldOutLooks:
+) -> Readings:
     """Fit a keyframe without each group of images in turn, and read that group.
 
     Nothing of a group is in what reads it: each fit starts from nothing.
@@ -87,7 +130,7 @@ def held_out_looks(
 
     Returns
     -------
-    HeldOutLooks
+    Readings
 
     Raises
     ------
@@ -107,16 +150,11 @@ def held_out_looks(
     )
     parts = list(in_processes(_read, calls, n_jobs))
     order = np.argsort(np.argsort(group, kind="stable"), kind="stable")
-    columns = list(zip(*parts, strict=True))
-    errors, std, similarity, maps = (np.concatenate(column)[order] for column in columns[:4])
-    return HeldOutLooks(
-        errors,
-        std,
-        similarity,
-        deviation(maps, axis=(1, 2)).astype(float),
-        deviation(maps, axis=0),
-        float(np.mean(columns[4])),
+    errors, std, similarity, residuals = (
+        np.concatenate([getattr(part, name) for part in parts])[order]
+        for name in ("errors", "std", "similarity", "residuals")
     )
+    return Readings(errors, std, similarity, residuals, float(np.mean([p.noise for p in parts])))
 
 
 def _read(
@@ -127,26 +165,12 @@ def _read(
     out: NDArray[np.bool_],
     similarity_by: SimilarityBy | None,
     options: dict[str, Any],
-) -> tuple[Array, Array, Array, NDArray[np.float32], float]:
-    """Errors, beliefs, similarities, residuals and noise of the images that are held out."""
+) -> Readings:
+    """What a keyframe reads of the images that are held out of its fit."""
     keyframe = Keyframe.fit(
         images[~out], T_world_cam[~out], reference_image, T_world_ref, **options
     )
-    residuals = Residuals(keyframe)
-    with one_blas_thread():
-        found = [keyframe.align(image) for image in images[out]]
-    similarity = [f.similarity for f in found]
-    if similarity_by is not None:
-        find = similarity_by(keyframe)
-        similarity = [find(i, f.displacement) for i, f in zip(images[out], found, strict=True)]
-    true = displacements_from_poses(T_world_ref, T_world_cam[out], keyframe.pivot)
-    return (
-        np.array([f.delta_p for f in found]) - true,
-        np.array([f.std for f in found]),
-        np.array(similarity),
-        np.stack([residuals.of(image, f) for image, f in zip(images[out], found, strict=True)]),
-        residuals.noise,
-    )
+    return Readings.of(keyframe, images[out], T_world_cam[out], T_world_ref, similarity_by)
 
 
 def deviation(residuals: NDArray[np.float32], axis: int | tuple[int, ...]) -> NDArray[np.float32]:

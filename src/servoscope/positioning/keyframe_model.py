@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from servoscope.dataset import PoseImageSet
 from servoscope.dofs import check_dofs, mask_of, moving_dofs
 from servoscope.errors import DataSetError, InvalidInputError
-from servoscope.keyframe import Alignment, Keyframe, held_out_looks
+from servoscope.keyframe import Alignment, Keyframe, Readings, read_held_out
 from servoscope.keyframe.alignment import CLEARLY_ALIKE
 from servoscope.poses import (
     DISPLAY_FACTORS,
@@ -136,54 +136,79 @@ class KeyframeModel:
                 "over the range that is to be covered."
             )
         tell = on_progress or (lambda _: None)
-        shown = np.unique(np.linspace(0, len(data) - 1, _MOST_IMAGES).astype(int))
-        images, poses = data.images[shown], data.T_world_cam[shown]
-        reference = data.reference_image, data.T_world_ref
-        options = (calibration or Calibration()).options(is_sequence=data.split == "blocks")
-        dofs = data.dofs
-        options["pivot"] = data.pivot
-        options["dofs"] = check_dofs({*dofs, *moving_dofs(data.delta_p(), data.pivot)})
-        is_read, is_commanded = mask_of(options["dofs"]), mask_of(dofs)
+        shown = data.subset(np.unique(np.linspace(0, len(data) - 1, _MOST_IMAGES).astype(int)))
+        taken = shown.images, shown.T_world_cam
+        reference = shown.reference_image, shown.T_world_ref
+        options = keyframe_options(data, calibration)
         try:
-            groups = independent_groups(data.subset(shown), _N_GROUPS).labels
+            groups = independent_groups(shown, _N_GROUPS).labels
             held = groups >= 0
-            looks = held_out_looks(
-                images[held], poses[held], *reference, groups[held],
+            readings = read_held_out(
+                taken[0][held], taken[1][held], *reference, groups[held],
                 similarity_by=recogniser, n_jobs=n_jobs, **options,
             )  # fmt: skip
             tell(1)
-            keyframe = Keyframe.fit(images, poses, *reference, **options)
+            keyframe = Keyframe.fit(*taken, *reference, **options)
             tell(2)
         except InvalidInputError as error:
             raise DataSetError(f"No keyframe can be fitted: {error}") from error
-        errors, reach = np.abs(looks.errors) * is_read, np.where(is_read, data.ranges(), 0.0)
+        model = cls.of_readings(keyframe, data, shown, readings, shown.delta_p()[held])
+        displacements = inverse_transform(data.T_world_ref) @ shown.T_world_cam
+        first_guess = FirstGuess.train(model.keyframe, model.reach, shown.images, displacements)
+        tell(3)
+        return replace(model, first_guess=first_guess)
+
+    @classmethod
+    def of_readings(
+        cls,
+        keyframe: Keyframe,
+        data: PoseImageSet,
+        fitted: PoseImageSet,
+        readings: Readings,
+        truth: Array,
+    ) -> KeyframeModel:
+        """A model of a keyframe and what it reads of other images, without first guesses.
+
+        Parameters
+        ----------
+        keyframe : Keyframe
+        data : PoseImageSet
+            Whose range is covered.
+        fitted : PoseImageSet
+            Those of its images that the keyframe was fitted to.
+        readings : Readings
+            Of images that it was not fitted to, with `recogniser` for the similarity.
+        truth : ndarray of shape (n, 6)
+            Their displacements about the pivot, [m] and [rad].
+        """
+        is_read, is_commanded = mask_of(keyframe.dofs), mask_of(data.dofs)
+        errors, reach = np.abs(readings.errors) * is_read, np.where(is_read, data.ranges(), 0.0)
         right = read_right(errors, reach)
         factor = np.ones(6)
-        factor[is_read] = deviation_factor(errors[right][:, is_read], looks.std[right][:, is_read])
+        factor[is_read] = deviation_factor(
+            errors[right][:, is_read], readings.std[right][:, is_read]
+        )
         keyframe = replace(keyframe, model_error=factor * keyframe.model_error)
-        chance = chance_similarity(keyframe, images, _FARTHEST * reach)
-        within = (errors <= 2 * factor * looks.std)[:, is_commanded]
+        chance = chance_similarity(keyframe, fitted.images, _FARTHEST * reach)
+        within = (errors <= 2 * factor * readings.std)[:, is_commanded]
         accuracy = {
-            "error_shares": _by_dof(error_shares(errors, data.delta_p()[shown][held]), dofs),
-            "median": _by_dof(np.median(errors, axis=0) * DISPLAY_FACTORS, dofs),
-            "quantile_90": _by_dof(np.quantile(errors, 0.9, axis=0) * DISPLAY_FACTORS, dofs),
+            "error_shares": _by_dof(error_shares(errors, truth), data.dofs),
+            "median": _by_dof(np.median(errors, axis=0) * DISPLAY_FACTORS, data.dofs),
+            "quantile_90": _by_dof(np.quantile(errors, 0.9, axis=0) * DISPLAY_FACTORS, data.dofs),
             "within_2_std": float(np.mean(within)),
-            "similarity": float(np.median(looks.similarity)),
+            "similarity": float(np.median(readings.similarity)),
             "chance_similarity": chance,
-            "least_similarity": least_similarity(looks.similarity[right], chance),
-            "n_images": len(shown),
+            "least_similarity": least_similarity(readings.similarity[right], chance),
+            "n_images": len(fitted),
             "residual": keyframe.residual,
-            "residual_over_noise": looks.residual_over_noise,
+            "residual_over_noise": readings.residual_over_noise,
             "noise": keyframe.noise,
             **({"observable": keyframe.observable} if keyframe.dofs == DOFS else {}),
         }
-        displacements = inverse_transform(data.T_world_ref) @ poses
-        first_guess = FirstGuess.train(keyframe, reach, images, displacements)
-        tell(3)
-        residual = np.nan_to_num(looks.residual_map / looks.noise, nan=NOT_SEEN)
+        residual = np.nan_to_num(readings.residual_map / readings.noise, nan=NOT_SEEN)
         return cls(
-            keyframe, reach, dict(data.source), accuracy, residual.astype(np.float32), first_guess,
-            dofs,
+            keyframe, reach, dict(data.source), accuracy, residual.astype(np.float32),
+            dofs=data.dofs,
         )  # fmt: skip
 
     def estimate(self, image: Image, previous: Estimate | None = None) -> Estimate:
@@ -293,6 +318,14 @@ class KeyframeModel:
             keyframe, reach, dict(header["trained_on"]), dict(header["accuracy"]),
             arrays.get(RESIDUAL), first_guess, dofs,
         )  # fmt: skip
+
+
+def keyframe_options(data: PoseImageSet, calibration: Calibration | None = None) -> dict[str, Any]:
+    """What `Keyframe.fit` is told of a data set beside its images."""
+    options = (calibration or Calibration()).options(is_sequence=data.split == "blocks")
+    options["pivot"] = data.pivot
+    options["dofs"] = check_dofs({*data.dofs, *moving_dofs(data.delta_p(), data.pivot)})
+    return options
 
 
 def parts_of(arrays: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, NDArray[Any]]]:
