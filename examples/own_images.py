@@ -11,7 +11,7 @@ import sys
 import numpy as np
 
 import servoscope as sv
-from servoscope.splits import split_images
+from servoscope.data.splits import split_images
 
 OPTIONS = sv.ImportOptions(direction="camera-to-world", units="m", axes="opencv", image_width=128)
 N_SELECTED = 4

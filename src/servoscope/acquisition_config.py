@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.data.schedule import Ring, Schedule, check_schedule, format_schedule
 from servoscope.errors import InvalidInputError
 from servoscope.poses import inverse_transform, poses_from_displacements
 from servoscope.robots.free_camera import Repeatability
 from servoscope.robots.registry import check_robot, make_robot
 from servoscope.scene.parts import make_part
 from servoscope.scene.scene import T_WORLD_REF, Scene
-from servoscope.schedule import Ring, Schedule, check_schedule, format_schedule
 
 Array = NDArray[np.float64]
 

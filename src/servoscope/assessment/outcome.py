@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from servoscope.assessment.candidates import Candidate
 from servoscope.assessment.image_facts import ImageFacts
-from servoscope.assessment.independence import Independence
 from servoscope.assessment.models import DofModel
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
+from servoscope.data.independence import Independence
+from servoscope.data.splits import Split
 from servoscope.regression import RegressorScore
 from servoscope.selection import Forecast, LearningCurve
-from servoscope.splits import Split
 
 Array = NDArray[np.float64]
 

@@ -20,21 +20,21 @@ from servoscope.assessment.candidates import (
 from servoscope.assessment.disturbed import disturbed_errors, noise_errors
 from servoscope.assessment.families import FAMILIES, choose_tried, compute_families
 from servoscope.assessment.image_facts import ImageFacts, describe_images
-from servoscope.assessment.independence import (
+from servoscope.assessment.models import DofModel, join_models, train_models
+from servoscope.assessment.outcome import Assessment
+from servoscope.assessment.what_if import forecast_without_border
+from servoscope.data.images import PoseImageSet
+from servoscope.data.independence import (
     Independence,
     find_groups,
     moves_enough,
     split_groups,
 )
-from servoscope.assessment.models import DofModel, join_models, train_models
-from servoscope.assessment.outcome import Assessment
-from servoscope.assessment.what_if import forecast_without_border
-from servoscope.dataset import PoseImageSet
+from servoscope.data.splits import Split
 from servoscope.poses import DOFS
 from servoscope.progress import ProgressBar, no_progress
 from servoscope.regression import REGRESSORS, RegressorScore, compare_regressors
 from servoscope.selection import Forecast, LearningCurve, learning_curve
-from servoscope.splits import Split
 
 Array = NDArray[np.float64]
 

@@ -40,12 +40,12 @@ def assess(
 
     from servoscope.assessment import parse_wishes
     from servoscope.assessment.families import choose_tried
-    from servoscope.assessment.independence import check_enough_images, mark_sequence
     from servoscope.commands.options import n_jobs, protocols
     from servoscope.commands.run_assessment import run_assessment, told_label_errors
     from servoscope.commands.run_study import finish_run, print_run
-    from servoscope.dataset import PoseImageSet
-    from servoscope.dataset_faults import data_set_warnings
+    from servoscope.data.checks import data_set_warnings
+    from servoscope.data.images import PoseImageSet
+    from servoscope.data.independence import check_enough_images, mark_sequence
     from servoscope.errors import InvalidInputError, ServoscopeWarning
     from servoscope.study import StudyConfig
     from servoscope.study.run_folder import owned_run_folder

@@ -77,8 +77,8 @@ def describe_data_set(folder: Path) -> dict[str, Any]:
     DataSetError
         If it cannot be read.
     """
-    from servoscope.dataset import PoseImageSet
-    from servoscope.dataset_faults import data_set_warnings, image_faults
+    from servoscope.data.checks import data_set_warnings, image_faults
+    from servoscope.data.images import PoseImageSet
     from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 
     data = PoseImageSet.load(folder)
@@ -193,7 +193,7 @@ def _keyframe(header: dict[str, Any], arrays: dict[str, Any]) -> Keyframe | None
 
 def _write_figure(folder: Path | None, file: Path, dataset: Path | None) -> None:
     """Write the figure of a keyframe model."""
-    from servoscope.dataset import PoseImageSet
+    from servoscope.data.images import PoseImageSet
     from servoscope.positioning.keyframe_model import RESIDUAL
     from servoscope.positioning.model_folder import is_model, read_model
     from servoscope.report.figures.keyframe import write_keyframe

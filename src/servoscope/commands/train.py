@@ -64,7 +64,7 @@ def train(
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import console, print_json
     from servoscope.commands.progress import progress_bar
-    from servoscope.dataset import PoseImageSet
+    from servoscope.data.images import PoseImageSet
     from servoscope.positioning.decision import decision_text
     from servoscope.positioning.model_folder import check_free
     from servoscope.positioning.training import N_STAGES

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.dataset import PoseImageSet
-from servoscope.dataset_faults import fault_words, image_faults, pose_warnings
+from servoscope.data.checks import fault_words, image_faults, pose_warnings
+from servoscope.data.images import PoseImageSet
 from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.formats.drops import BAD_IMAGE, FAR, HELD_POSE, Drops
 from servoscope.formats.frames import Frames

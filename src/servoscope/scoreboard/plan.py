@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from servoscope.acquisition import AcquisitionConfig
+from servoscope.data.schedule import RECOMMENDED, Schedule, parse_schedule
 from servoscope.errors import InvalidInputError
-from servoscope.schedule import RECOMMENDED, Schedule, parse_schedule
 from servoscope.scoreboard.conditions import CONDITIONS
 
 QUICK_CONDITIONS = ("range_1.0", "gain_0.8", "covered_10", "noise_10")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.assessment.independence import find_groups
+from servoscope.data.independence import find_groups
 from servoscope.poses import DOFS
 from servoscope.processes import in_processes
 from servoscope.selection import forecast_errors

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope import __version__
-from servoscope.assessment.independence import same_poses
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
+from servoscope.data.independence import same_poses
+from servoscope.data.splits import Split, split_images
 from servoscope.errors import InvalidInputError
 from servoscope.features import GeometricMoments, compute_image_basis
 from servoscope.files import write_arrays, write_json, write_text
 from servoscope.poses import DISPLACEMENTS, DOFS
 from servoscope.progress import ProgressBar, no_progress
 from servoscope.regression import PoseRegressor
-from servoscope.splits import Split, split_images
 from servoscope.study.assessment import Assessment, assess_features, rankings_as_csv
 from servoscope.study.chance import measure_chance
 from servoscope.study.config import N_EIGENVECTORS, StudyConfig, check_n_images

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from planar import PIVOT, RANGES
-from servoscope.assessment.independence import find_groups, mark_sequence, split_groups
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
+from servoscope.data.independence import find_groups, mark_sequence, split_groups
 from servoscope.errors import InvalidInputError
 from servoscope.poses import poses_from_displacements
 

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
-from servoscope.dataset import PoseImageSet
 from servoscope.errors import InvalidInputError
 
 PROTOCOLS = ("paper", "honest")
@@ -19,13 +15,6 @@ PROTOCOLS = ("paper", "honest")
 
 HONEST_FRACTIONS = (0.60, 0.15, 0.25)
 """Shares of training, validation and test images; the paper's 750 / 250 is the same 25 % test."""
-
-FARTHEST_APART = 0.1
-"""Images whose dofs differ by more than this share of the range count as independent."""
-
-_N_DISTANCES = 8
-_BLOCKS_PER_GROUP = 4
-_LEAST_SHARE = 0.5
 
 Indices = NDArray[np.intp]
 
@@ -160,106 +149,3 @@ def _split_by_blocks(
         parts[purposes[i]].append(kept)
     train, validation, test = (np.sort(np.concatenate(part)) for part in parts)
     return train, validation, test
-
-
-class IndependentGroups(NamedTuple):
-    """Groups of images that may be held out in turn.
-
-    Parameters
-    ----------
-    labels : ndarray of shape (n_images,)
-        Group of each image, from 0; -1 for images that belong to none, since they are near to
-        images of several groups.
-    distance : float
-        Images of different groups are farther apart than this: the largest difference of a dof,
-        in shares of its range.
-    """
-
-    labels: Indices
-    distance: float
-
-
-def independent_groups(data: PoseImageSet, n_groups: int = 3) -> IndependentGroups:
-    """Groups of images such that no image shows what an image of another group shows.
-
-    Repeated shots of a pose are in one group. A sequence is cut into blocks of time; blocks that
-    return to the same places are in one group. Images that are still near to another group, such
-    as the first frames after a cut, belong to none. Groups are `FARTHEST_APART`; where that would
-    leave too few images in one of them, half as far, and so on.
-
-    Parameters
-    ----------
-    data : PoseImageSet
-        A sequence if it says ``split="blocks"``, or if single images cannot be kept apart.
-    n_groups : int
-
-    Returns
-    -------
-    IndependentGroups
-
-    Raises
-    ------
-    InvalidInputError
-        If there are fewer than `n_groups` different places.
-
-    Examples
-    --------
-    >>> poses = np.tile(np.eye(4), (6, 1, 1))
-    >>> poses[:, 0, 3] = 0.01, 0.02, 0.03, 0.01, 0.02, 0.03
-    >>> data = PoseImageSet(np.zeros((6, 8, 8), np.uint8), poses, np.eye(4), np.eye(8, dtype="u1"))
-    >>> independent_groups(data).labels
-    array([0, 1, 2, 0, 1, 2])
-    """
-    n = len(data)
-    order = np.arange(n) if data.times is None else np.argsort(data.times, kind="stable")
-    tree = KDTree((data.delta_p() / data.ranges())[order])
-    n_blocks = min(_BLOCKS_PER_GROUP * n_groups, n)
-    units = [np.arange(n) * n_blocks // n]
-    if data.split != "blocks":
-        units.insert(0, np.arange(n))
-    some = None
-    for distance in FARTHEST_APART * 0.5 ** np.arange(_N_DISTANCES):
-        pairs = tree.query_pairs(distance, p=np.inf, output_type="ndarray")
-        for unit in units:
-            in_order = _dealt(_joined(unit, pairs), pairs, n_groups)
-            least = np.bincount(in_order[in_order >= 0], minlength=n_groups).min()
-            labels = np.empty(n, dtype=np.intp)
-            labels[order] = in_order
-            found = IndependentGroups(labels, float(distance))
-            if least >= _LEAST_SHARE * n / n_groups:
-                return found
-            some = found if least else some
-    if some is None:
-        raise InvalidInputError(
-            f"To hold some images out, they must be of at least {n_groups} different places, but "
-            f"these {n} are all near to each other; take them at more poses."
-        )
-    return some
-
-
-def _joined(units: Indices, pairs: Indices) -> Indices:
-    """Clusters of units, one number an image: units are joined if half of one is near the other."""
-    n_units = int(units.max()) + 1
-    i, j = np.concatenate([pairs, pairs[:, ::-1]]).T
-    across = units[i] != units[j]
-    near = np.unique(np.column_stack([i, units[j]])[across], axis=0)
-    shape = (n_units, n_units)
-    counts = coo_array((np.ones(len(near)), (units[near[:, 0]], near[:, 1])), shape=shape)
-    counts.sum_duplicates()
-    is_joined = 2 * counts.data >= np.bincount(units)[counts.row]
-    ends = counts.row[is_joined], counts.col[is_joined]
-    links = coo_array((counts.data[is_joined], ends), shape=shape)
-    return np.asarray(connected_components(links, directed=False)[1][units], dtype=np.intp)
-
-
-def _dealt(clusters: Indices, pairs: Indices, n_groups: int) -> Indices:
-    """A group for each image: clusters, largest first, each to the group with the fewest images."""
-    sizes = np.bincount(clusters)
-    group_of, filled = np.empty(len(sizes), dtype=np.intp), np.zeros(n_groups)
-    for cluster in np.argsort(-sizes, kind="stable"):
-        group_of[cluster] = np.argmin(filled)
-        filled[group_of[cluster]] += sizes[cluster]
-    labels = group_of[clusters]
-    i, j = pairs.T
-    labels[np.maximum(i, j)[labels[i] != labels[j]]] = -1
-    return labels

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope import dataset_folder
+from servoscope.data import folder as dataset_folder
 from servoscope.errors import DataSetError
 from servoscope.poses import (
     FARTHEST,

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from servoscope.dataset import PoseImageSet
-from servoscope.dataset_faults import (
+from servoscope.data.checks import (
     data_set_warnings,
     fault_words,
     image_faults,
     pose_warnings,
 )
+from servoscope.data.images import PoseImageSet
 from servoscope.poses import rigid_transform
 
 
@@ -68,7 +68,7 @@ def test_a_frozen_camera_is_found_and_a_still_one_is_not(images):
 
 
 def test_faults_are_found_in_every_block(images, monkeypatch):
-    monkeypatch.setattr("servoscope.dataset_faults._IMAGES_PER_BLOCK", 7)
+    monkeypatch.setattr("servoscope.data.checks._IMAGES_PER_BLOCK", 7)
     images[[6, 7, 29]] = 0
     assert faults_of(images) == {"black": [6, 7, 29]}
 
@@ -144,6 +144,6 @@ def test_a_pivot_is_named_if_there_is_one(pivot, named):
 
 def test_faults_that_are_known_are_not_looked_for_again(images, monkeypatch):
     data, faults = data_set(poses(*range(30)), images), {"flat": np.arange(30) == 4}
-    monkeypatch.setattr("servoscope.dataset_faults.image_faults", pytest.fail)
+    monkeypatch.setattr("servoscope.data.checks.image_faults", pytest.fail)
     (text,) = data_set_warnings(data, faults)
     assert "1 flat (000004)" in text

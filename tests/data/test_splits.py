@@ -3,10 +3,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
+from servoscope.data.independence import FARTHEST_APART, independent_groups
+from servoscope.data.splits import split_images
 from servoscope.errors import InvalidInputError
 from servoscope.poses import poses_from_displacements
-from servoscope.splits import FARTHEST_APART, independent_groups, split_images
 
 seeds = st.integers(0, 2**31)
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.poses import pose_error
 
 IMAGE_FAULTS = ("black", "saturated", "flat", "repeated")
