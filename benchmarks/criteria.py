@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 
 import servoscope as sv
 from benchmarks.tables import Findings, as_markdown
+from servoscope.data.independence import split_data
 from servoscope.data.splits import Split
 from servoscope.selection import (
     CRITERIA,
@@ -31,7 +32,6 @@ from servoscope.selection import (
 )
 from servoscope.study.config import N_EIGENVECTORS
 from servoscope.study.feature_tables import compute_feature_table
-from servoscope.study.run import split_data
 
 COUNTS = (1, 2, 4, 8, 16, 24)
 RESTARTS = 3

@@ -25,8 +25,8 @@ from servoscope.assessment.outcome import Assessment
 from servoscope.assessment.what_if import forecast_without_border
 from servoscope.data.images import PoseImageSet
 from servoscope.data.independence import (
-    Independence,
-    find_groups,
+    IndependentGroups,
+    independent_groups,
     moves_enough,
     split_groups,
 )
@@ -87,8 +87,8 @@ class _Course:
     progress: ProgressBar
 
     @cached_property
-    def independence(self) -> Independence:
-        return find_groups(self.data)
+    def independence(self) -> IndependentGroups:
+        return independent_groups(self.data)
 
     @cached_property
     def split(self) -> Split:
@@ -100,7 +100,7 @@ class _Course:
 
     @cached_property
     def groups(self) -> NDArray[np.intp] | None:
-        return own_groups(self.independence.groups[self.learn])
+        return own_groups(self.independence.labels[self.learn])
 
     @cached_property
     def targets(self) -> Array:
@@ -157,7 +157,7 @@ class _Course:
                 self.data.images,
                 self.targets,
                 self.learn,
-                self.independence.groups,
+                self.independence.labels,
                 features,
                 n_jobs=self.n_jobs,
                 on_progress=advance,

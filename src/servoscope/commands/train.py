@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import arg
+from tyro.conf import UseAppendAction, arg
 
 from servoscope.commands.options import DataSet, Force, Jobs, Json, ModelOut, owning_model
 from servoscope.errors import InvalidInputError
@@ -31,10 +31,21 @@ PoseNoise = Annotated[
 ]
 
 
+Add = Annotated[
+    UseAppendAction[tuple[Path, ...]],
+    arg(
+        metavar="DATASET",
+        help="Another data set about the same reference pose or image, as of another lamp or of "
+        "more images, to train on as well; may be given again.",
+    ),
+]
+
+
 @owning_model
 def train(
     dataset: DataSet,
     out: ModelOut = Path("servoscope-model"),
+    add: Add = (),
     method: Literal["auto", "keyframe", "levels"] = "auto",
     intrinsics: Intrinsics = None,
     pose_noise: PoseNoise = None,
@@ -51,6 +62,8 @@ def train(
     be those of the robot's flange: where the camera sits in it need not be known.
 
     Example: servoscope acquire cell --schedule 40@1.6 && servoscope train cell --out model
+
+    Example: servoscope train monday --add tuesday --add other-lamp --out model
 
     Example: servoscope train cell --intrinsics 512,512,319.5,239.5,-0.1,0.02 --pose-noise 0.1,0.02
 
@@ -73,6 +86,8 @@ def train(
     processes = n_jobs(jobs)
     check_free(out, force=force)
     data = PoseImageSet.load(dataset)
+    for more in add:
+        data = data + PoseImageSet.load(more)
     calibration = _calibration(data.image_shape, intrinsics, pose_noise, distance_mm)
     with progress_bar("training", N_STAGES) as advance:
         model = train_model(

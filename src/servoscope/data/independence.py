@@ -1,9 +1,8 @@
-"""Whether images are independent of each other, and which ones have to be kept together."""
+"""Which images are independent of each other: the one place that every split and hold-out asks."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +12,9 @@ from scipy.spatial import KDTree
 from sklearn.cluster import KMeans
 
 from servoscope.data.images import PoseImageSet
-from servoscope.data.splits import Split, split_images
+from servoscope.data.splits import LEAST_GROUPS, Split, split_images
 from servoscope.errors import InvalidInputError
+from servoscope.kernels.repeats import find_repeats, whole_poses
 
 N_GROUPS = 20
 """Into how many groups dependent images are put, if there are enough of them."""
@@ -27,85 +27,140 @@ LEAST_IMAGES = 60
 
 LEAST_LEARNED = 40
 
-LEAST_PLACES = 8
-"""Of fewer places there is none to test on that is not learned from."""
+FARTHEST_APART = 0.1
+"""Groups of dependent images differ by more than this share of the range in some dof, if most
+images can be kept that far apart."""
 
+REPEATED = 0.003
+"""Images that differ by less than this share of the range in every dof are of one pose."""
+
+_N_DISTANCES = 8
+_LEAST_KEPT = 0.75
+_LARGEST_GROUP = 1 / 3
+_LEAST_SCALE = 0.05
+_CHANCE_PAIRS = 0.1
 _HARDLY_MOVES = 1e-3
 """Motion of so small a share of the largest is that of encoders, not of the camera."""
 
-FARTHEST_APART = 0.1
-"""Images whose dofs differ by more than this share of the range count as independent."""
-
-_N_DISTANCES = 8
-_BLOCKS_PER_GROUP = 4
-_LEAST_SHARE = 0.5
-
+Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
-class Independence:
-    """How images depend on each other.
+class IndependentGroups:
+    """Groups of images that may be held out in turn.
 
     Parameters
     ----------
     kind : {"independent", "sequence", "revisited"}
-    groups : ndarray of shape (n_images,)
-        Images of one group must not be both learned from and tested on. Even where most images
-        are independent, those from the very same pose make one group.
+        How the images depend on each other.
+    labels : ndarray of shape (n_images,)
+        Group of each image, from 0; -1 for images that belong to none, since they are near to
+        images of several groups.
+    distance : float
+        Images of different groups are farther apart than this: the largest difference of a dof,
+        in shares of its range.
     ratio : float
-        What was measured: 1 for independent images, near 0 for dependent ones.
+        What the kind was found by: 1 for independent images, near 0 for dependent ones.
     """
 
     kind: str
-    groups: Indices
+    labels: Indices
+    distance: float
     ratio: float
 
 
-def find_groups(data: PoseImageSet) -> Independence:
-    """Find out whether the images of a data set are independent of each other.
+def independent_groups(data: PoseImageSet, n_groups: int | None = None) -> IndependentGroups:
+    """Groups of images such that no image shows what an image of another group shows.
+
+    Shots of one pose are one group, and each image of another pose is one. A sequence is cut into
+    blocks of time, images from places that were visited again into clusters of poses. Blocks and
+    clusters that share places are joined, and images that are still near to another group, such
+    as the first frames after a cut, belong to none. Groups of these are `FARTHEST_APART`; where
+    that would leave too few images or groups, half as far, and so on.
 
     Parameters
     ----------
     data : PoseImageSet
-        Of which it only looks at the poses, their times if known, or else their order. A set
-        that says ``split="blocks"`` is a sequence whatever they look like.
+        Of which only the poses, and their times if known or else their order, are looked at. A
+        set that says ``split="blocks"`` is a sequence whatever they are.
+    n_groups : int, optional
+        Put the groups together until there are so many, of about equal size.
+
+    Returns
+    -------
+    IndependentGroups
+
+    Raises
+    ------
+    InvalidInputError
+        If there are fewer than `n_groups` groups.
 
     Notes
     -----
-    A sequence is told by the ratio of the mean squared step from one image to the next to that
+    A sequence is found by the ratio of the mean squared step from one image to the next to that
     of two images drawn at random (von Neumann): 1 for independent poses. Images in no order, but
-    taken at few places or of a sequence that was shuffled, are told by the distance of each pose
+    taken at few places or of a sequence that was shuffled, are found by the distance of each pose
     to its nearest neighbour, over the same after every coordinate was permuted by itself, or was
     drawn evenly where there is but one. Coordinates are those of the displacements along their
     principal axes, in units of their spread; what hardly moves does not count.
+
+    Examples
+    --------
+    >>> poses = np.tile(np.eye(4), (6, 1, 1))
+    >>> poses[:, 0, 3] = 0.01, 0.02, 0.04, 0.01, 0.02, 0.04
+    >>> data = PoseImageSet(np.zeros((6, 8, 8), np.uint8), poses, np.eye(4), np.eye(8, dtype="u1"))
+    >>> independent_groups(data).labels
+    array([0, 1, 2, 0, 1, 2])
     """
     poses = _whitened(data)
     times = np.arange(len(data)) if data.times is None else data.times
     order = np.argsort(times, kind="stable")
     steps = np.diff(poses[order], axis=0)
-    step_ratio = float(np.mean(steps**2) / 2) if steps.size else 1.0
-    n_groups = min(N_GROUPS, max(len(data) // 2, 1))
-    if data.split == "blocks" or step_ratio < STEP_RATIO:
-        groups = np.empty(len(data), np.intp)
-        for group, images in enumerate(np.array_split(order, n_groups)):
-            groups[images] = group
-        return Independence("sequence", groups, step_ratio)
-    nearest, expected = _nearest_neighbours(poses)
-    if nearest < NEIGHBOUR_RATIO * expected:
-        clusters = _cluster(poses, n_groups, NEIGHBOUR_RATIO * expected)
-        return Independence("revisited", clusters, nearest / expected)
-    return Independence("independent", same_poses(data), step_ratio)
+    kind, ratio = "independent", float(np.mean(steps**2) / 2) if steps.size else 1.0
+    if data.split == "blocks" or ratio < STEP_RATIO:
+        kind = "sequence"
+        blocks = np.empty(len(data), np.intp)
+        blocks[order] = np.arange(len(data)) * min(N_GROUPS, len(data)) // len(data)
+        labels, distance = _kept_apart(data, order, blocks)
+    else:
+        nearest, expected = _nearest_neighbours(poses)
+        if nearest < NEIGHBOUR_RATIO * expected:
+            kind, ratio = "revisited", nearest / expected
+            most = min(N_GROUPS, max(len(data) // 2, 1))
+            clusters = _cluster(poses, most, NEIGHBOUR_RATIO * expected)
+            labels, distance = _kept_apart(data, order, clusters)
+        else:
+            labels, distance = _places(data)
+    if n_groups is not None:
+        labels = _dealt(labels if data.moves().any() else np.zeros_like(labels), n_groups)
+    return IndependentGroups(kind, labels, distance, ratio)
 
 
-def mark_sequence(data: PoseImageSet) -> PoseImageSet:
-    """The same data set, to be split by blocks if its poses show that it is a sequence."""
-    is_sequence = find_groups(data).kind == "sequence"
-    return replace(data, split="blocks") if is_sequence else data
+def split_data(
+    data: PoseImageSet, protocol: str = "honest", seed: int = 0, groups: Indices | None = None
+) -> Split:
+    """The images of a data set that train, decide and test: independent groups as a whole.
+
+    Parameters
+    ----------
+    data : PoseImageSet
+    protocol, seed
+        See `split_images`.
+    groups : ndarray of shape (n_images,), optional
+        The labels of `independent_groups`, where they are known.
+
+    Raises
+    ------
+    InvalidInputError
+        If there are too few groups for three parts.
+    """
+    labels = independent_groups(data).labels if groups is None else groups
+    return split_images(len(data), protocol, seed, labels)
 
 
-def split_groups(data: PoseImageSet, independence: Independence, seed: int) -> Split:
-    """Images that train, that validate and that test, with no group in two of these parts.
+def split_groups(data: PoseImageSet, groups: IndependentGroups, seed: int) -> Split:
+    """The images of an assessment that train, validate and test.
 
     Raises
     ------
@@ -113,32 +168,14 @@ def split_groups(data: PoseImageSet, independence: Independence, seed: int) -> S
         If there are fewer than `LEAST_IMAGES` images, or too few are left to learn from.
     """
     check_enough_images(data)
-    split = _split(data, independence, seed)
-    n_learned = len(split.train) + len(split.validation)
-    if n_learned < LEAST_LEARNED or not len(split.test):
+    split = split_data(data, "honest", seed, groups.labels)
+    if len(split.learned) < LEAST_LEARNED:
         raise InvalidInputError(
             f"An assessment needs at least {LEAST_LEARNED} images to learn from and some to test "
-            f"on; of these {len(data)}, which depend on each other ({independence.kind}), "
-            f"{n_learned} and {len(split.test)} are left. Take more."
+            f"on; of these {len(data)}, which depend on each other ({groups.kind}), "
+            f"{len(split.learned)} and {len(split.test)} are left. Take more."
         )
     return split
-
-
-def _split(data: PoseImageSet, independence: Independence, seed: int) -> Split:
-    if independence.kind == "sequence":
-        times = np.arange(len(data)) if data.times is None else data.times
-        return split_images(len(data), "honest", seed, times)
-    names = np.unique(independence.groups)
-    if len(names) == len(data):
-        return split_images(len(data), "honest", seed)
-    if len(names) < LEAST_PLACES:
-        raise InvalidInputError(
-            f"An assessment needs images from at least {LEAST_PLACES} places, to learn from some "
-            f"and test on others; these {len(data)} are from {len(names)}. Take them at more poses."
-        )
-    of_names = split_images(len(names), "honest", seed)
-    parts = (of_names.train, of_names.validation, of_names.test)
-    return Split(*(np.flatnonzero(np.isin(independence.groups, names[part])) for part in parts))
 
 
 def check_enough_images(data: PoseImageSet) -> None:
@@ -150,15 +187,10 @@ def check_enough_images(data: PoseImageSet) -> None:
         )
 
 
-def _whitened(data: PoseImageSet) -> NDArray[np.float64]:
-    """Displacements along their principal axes, each in units of its own spread."""
-    poses = _in_metres(data)[:, moves_enough(data)]
-    if not poses.size:
-        return poses
-    poses = (poses - poses.mean(axis=0)) / poses.std(axis=0)
-    axes, spreads, _ = np.linalg.svd(poses, full_matrices=False)
-    kept = spreads > 0.05 * spreads[0]
-    return np.asarray(axes[:, kept] * np.sqrt(len(poses)))
+def mark_sequence(data: PoseImageSet) -> PoseImageSet:
+    """The same data set, to be split by blocks if its poses show that it is a sequence."""
+    is_sequence = independent_groups(data).kind == "sequence"
+    return replace(data, split="blocks") if is_sequence else data
 
 
 def moves_enough(data: PoseImageSet) -> NDArray[np.bool_]:
@@ -167,127 +199,58 @@ def moves_enough(data: PoseImageSet) -> NDArray[np.bool_]:
     return data.moves() & (spreads > _HARDLY_MOVES * spreads.max())
 
 
-def _in_metres(data: PoseImageSet) -> NDArray[np.float64]:
+def _in_metres(data: PoseImageSet) -> Array:
     """Displacements, rotations by how far they carry the camera about the pivot."""
-    return data.delta_p() * np.repeat([1.0, data.pivot or 1.0], 3)
+    return data.delta_p() * _lever(data)
 
 
-def same_poses(data: PoseImageSet) -> Indices:
-    """One group for each pose, up to a nanometre; of a set that never moves one for each image."""
-    if not data.moves().any():
-        return np.arange(len(data))
-    _, groups = np.unique(_in_metres(data).round(9), axis=0, return_inverse=True)
-    return groups.astype(np.intp)
+def _lever(data: PoseImageSet) -> Array:
+    return np.repeat([1.0, data.pivot or 1.0], 3)
 
 
-def _nearest_neighbours(poses: NDArray[np.float64]) -> tuple[float, float]:
-    """Distance to the nearest neighbour, and that of independent poses that spread as these do."""
-    n_poses, n_axes = poses.shape
-    if not n_axes:
-        return 1.0, 1.0
-    rng = np.random.default_rng(0)
-    if n_axes == 1:
-        drawn = rng.uniform(poses.min(), poses.max(), (n_poses, 1))
-    else:
-        drawn = np.column_stack([rng.permutation(column) for column in poses.T])
-    return _nearest(poses), max(_nearest(drawn), 1e-6)
+def _in_ranges(data: PoseImageSet) -> Array:
+    """Displacements in shares of the range; dofs of very small range, as of noise, count less."""
+    sizes = np.where(moves_enough(data), data.ranges() * _lever(data), 0.0)
+    return _in_metres(data) / np.maximum(sizes, max(_LEAST_SCALE * sizes.max(), 1e-9))
 
 
-def _nearest(poses: NDArray[np.float64]) -> float:
-    distances, _ = KDTree(poses).query(poses, k=2)
-    return float(np.median(distances[:, 1]))
-
-
-def _cluster(poses: NDArray[np.float64], most: int, apart: float) -> Indices:
-    """Groups of poses near each other: one for each place if there are few places, else `most`."""
-    places = _places(poses, most, apart)
-    start = poses[places] if len(places) <= most else "k-means++"
-    clusters = KMeans(min(len(places), most), init=start, n_init=1, random_state=0)
-    return np.asarray(clusters.fit_predict(poses), dtype=np.intp)
-
-
-def _places(poses: NDArray[np.float64], most: int, apart: float) -> list[int]:
-    """Poses that are further than that from each other, and near to all others; some of many."""
-    left, places = np.arange(len(poses)), list[int]()
-    while left.size and len(places) <= most:
-        places.append(int(left[0]))
-        left = left[np.linalg.norm(poses[left] - poses[left[0]], axis=1) > apart]
-    return places
-
-
-class IndependentGroups(NamedTuple):
-    """Groups of images that may be held out in turn.
-
-    Parameters
-    ----------
-    labels : ndarray of shape (n_images,)
-        Group of each image, from 0; -1 for images that belong to none, since they are near to
-        images of several groups.
-    distance : float
-        Images of different groups are farther apart than this: the largest difference of a dof,
-        in shares of its range.
-    """
-
-    labels: Indices
-    distance: float
-
-
-def independent_groups(data: PoseImageSet, n_groups: int = 3) -> IndependentGroups:
-    """Groups of images such that no image shows what an image of another group shows.
-
-    Repeated shots of a pose are in one group. A sequence is cut into blocks of time; blocks that
-    return to the same places are in one group. Images that are still near to another group, such
-    as the first frames after a cut, belong to none. Groups are `FARTHEST_APART`; where that would
-    leave too few images in one of them, half as far, and so on.
-
-    Parameters
-    ----------
-    data : PoseImageSet
-        A sequence if it says ``split="blocks"``, or if single images cannot be kept apart.
-    n_groups : int
-
-    Returns
-    -------
-    IndependentGroups
-
-    Raises
-    ------
-    InvalidInputError
-        If there are fewer than `n_groups` different places.
-
-    Examples
-    --------
-    >>> poses = np.tile(np.eye(4), (6, 1, 1))
-    >>> poses[:, 0, 3] = 0.01, 0.02, 0.03, 0.01, 0.02, 0.03
-    >>> data = PoseImageSet(np.zeros((6, 8, 8), np.uint8), poses, np.eye(4), np.eye(8, dtype="u1"))
-    >>> independent_groups(data).labels
-    array([0, 1, 2, 0, 1, 2])
-    """
+def _places(data: PoseImageSet) -> tuple[Indices, float]:
+    """One group for each pose; of a set that never moves one for each image."""
     n = len(data)
-    order = np.arange(n) if data.times is None else np.argsort(data.times, kind="stable")
-    tree = KDTree((data.delta_p() / data.ranges())[order])
-    n_blocks = min(_BLOCKS_PER_GROUP * n_groups, n)
-    units = [np.arange(n) * n_blocks // n]
-    if data.split != "blocks":
-        units.insert(0, np.arange(n))
-    some = None
+    if not data.moves().any():
+        return np.arange(n), 0.0
+    p = _in_ranges(data)
+    p = p[:, np.ptp(p, axis=0) > _LEAST_SCALE]
+    distance = min(REPEATED, (_CHANCE_PAIRS / n**2) ** (1 / p.shape[1]))
+    i, j = KDTree(p).query_pairs(distance, p=np.inf, output_type="ndarray").T
+    near = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(n, n)))[1]
+    return whole_poses(find_repeats(p, p), near.astype(np.intp)), distance
+
+
+def _kept_apart(data: PoseImageSet, order: Indices, units: Indices) -> tuple[Indices, float]:
+    """Units joined where they share places, and how far apart they are; -1 for images between."""
+    p, n = _in_ranges(data)[order], len(data)
+    tree, in_order = KDTree(p), units[order]
+    best, most = (np.zeros(n, np.intp), 0.0), 0.0
     for distance in FARTHEST_APART * 0.5 ** np.arange(_N_DISTANCES):
         pairs = tree.query_pairs(distance, p=np.inf, output_type="ndarray")
-        for unit in units:
-            in_order = _dealt(_joined(unit, pairs), pairs, n_groups)
-            least = np.bincount(in_order[in_order >= 0], minlength=n_groups).min()
-            labels = np.empty(n, dtype=np.intp)
-            labels[order] = in_order
-            found = IndependentGroups(labels, float(distance))
-            if least >= _LEAST_SHARE * n / n_groups:
-                return found
-            some = found if least else some
-    if some is None:
-        raise InvalidInputError(
-            f"To hold some images out, they must be of at least {n_groups} different places, but "
-            f"these {n} are all near to each other; take them at more poses."
+        groups = _joined(in_order, pairs)
+        i, j = pairs.T
+        groups[np.maximum(i, j)[groups[i] != groups[j]]] = -1
+        sizes = np.bincount(groups[groups >= 0])
+        n_groups = np.count_nonzero(sizes)
+        quality = min(
+            sizes.sum() / (_LEAST_KEPT * n),
+            n_groups / min(LEAST_GROUPS, n),
+            _LARGEST_GROUP * n / max(sizes.max(initial=1), _LARGEST_GROUP * n),
         )
-    return some
+        if quality > most:
+            labels = np.full(n, -1, np.intp)
+            labels[order[groups >= 0]] = np.unique(groups[groups >= 0], return_inverse=True)[1]
+            best, most = (labels, float(distance)), quality
+        if quality >= 1:
+            break
+    return best
 
 
 def _joined(units: Indices, pairs: Indices) -> Indices:
@@ -305,14 +268,63 @@ def _joined(units: Indices, pairs: Indices) -> Indices:
     return np.asarray(connected_components(links, directed=False)[1][units], dtype=np.intp)
 
 
-def _dealt(clusters: Indices, pairs: Indices, n_groups: int) -> Indices:
-    """A group for each image: clusters, largest first, each to the group with the fewest images."""
-    sizes = np.bincount(clusters)
-    group_of, filled = np.empty(len(sizes), dtype=np.intp), np.zeros(n_groups)
-    for cluster in np.argsort(-sizes, kind="stable"):
-        group_of[cluster] = np.argmin(filled)
-        filled[group_of[cluster]] += sizes[cluster]
-    labels = group_of[clusters]
-    i, j = pairs.T
-    labels[np.maximum(i, j)[labels[i] != labels[j]]] = -1
-    return labels
+def _dealt(labels: Indices, n_groups: int) -> Indices:
+    """Groups put together: the largest first, each to those that have the fewest images."""
+    sizes = np.bincount(labels[labels >= 0])
+    if len(sizes) < n_groups:
+        raise InvalidInputError(
+            f"To hold some images out, they must be of at least {n_groups} different places, but "
+            f"these {len(labels)} are of {len(sizes)} that are far apart; take them at more poses."
+        )
+    dealt, filled = np.empty(len(sizes) + 1, dtype=np.intp), np.zeros(n_groups)
+    for group in np.argsort(-sizes, kind="stable"):
+        dealt[group] = np.argmin(filled)
+        filled[dealt[group]] += sizes[group]
+    dealt[-1] = -1
+    return dealt[labels]
+
+
+def _whitened(data: PoseImageSet) -> Array:
+    """Displacements along their principal axes, each in units of its own spread."""
+    poses = _in_metres(data)[:, moves_enough(data)]
+    if not poses.size:
+        return poses
+    poses = (poses - poses.mean(axis=0)) / poses.std(axis=0)
+    axes, spreads, _ = np.linalg.svd(poses, full_matrices=False)
+    kept = spreads > 0.05 * spreads[0]
+    return np.asarray(axes[:, kept] * np.sqrt(len(poses)))
+
+
+def _nearest_neighbours(poses: Array) -> tuple[float, float]:
+    """Distance to the nearest neighbour, and that of independent poses that spread as these do."""
+    n_poses, n_axes = poses.shape
+    if not n_axes:
+        return 1.0, 1.0
+    rng = np.random.default_rng(0)
+    if n_axes == 1:
+        drawn = rng.uniform(poses.min(), poses.max(), (n_poses, 1))
+    else:
+        drawn = np.column_stack([rng.permutation(column) for column in poses.T])
+    return _nearest(poses), max(_nearest(drawn), 1e-6)
+
+
+def _nearest(poses: Array) -> float:
+    distances, _ = KDTree(poses).query(poses, k=2)
+    return float(np.median(distances[:, 1]))
+
+
+def _cluster(poses: Array, most: int, apart: float) -> Indices:
+    """Groups of poses near each other: one for each place if there are few places, else `most`."""
+    places = _first_at_each_place(poses, most, apart)
+    start = poses[places] if len(places) <= most else "k-means++"
+    clusters = KMeans(min(len(places), most), init=start, n_init=1, random_state=0)
+    return np.asarray(clusters.fit_predict(poses), dtype=np.intp)
+
+
+def _first_at_each_place(poses: Array, most: int, apart: float) -> list[int]:
+    """Poses that are further than that from each other, and near to all others; some of many."""
+    left, places = np.arange(len(poses)), list[int]()
+    while left.size and len(places) <= most:
+        places.append(int(left[0]))
+        left = left[np.linalg.norm(poses[left] - poses[left[0]], axis=1) > apart]
+    return places

@@ -16,6 +16,9 @@ PROTOCOLS = ("paper", "honest")
 HONEST_FRACTIONS = (0.60, 0.15, 0.25)
 """Shares of training, validation and test images; the paper's 750 / 250 is the same 25 % test."""
 
+LEAST_GROUPS = 8
+"""Of fewer groups no three parts can be made."""
+
 Indices = NDArray[np.intp]
 
 
@@ -37,19 +40,13 @@ class Split:
 
 
 def split_images(
-    n_images: int,
-    protocol: str = "honest",
-    seed: int = 0,
-    times: ArrayLike | None = None,
-    n_blocks: int = 20,
-    groups: ArrayLike | None = None,
+    n_images: int, protocol: str = "honest", seed: int = 0, groups: ArrayLike | None = None
 ) -> Split:
-    """Split images for a protocol, at random or, when `times` are given, by blocks of time.
+    """Split images for a protocol at random, groups of images as a whole.
 
-    Both protocols test on the same images for the same seed. By blocks, the images in order of
-    time are cut into `n_blocks` runs of equal length; whole runs train, decide or test, and the
-    last tenth of a run, one image at least, is left out where the next run serves another purpose,
-    so that images next to each other do not leak.
+    Both protocols test on the same images for the same seed. Groups are drawn one after another
+    for the test part while that brings its size nearer to its share, then for the validation part;
+    the rest trains.
 
     Parameters
     ----------
@@ -57,12 +54,9 @@ def split_images(
     protocol : {"honest", "paper"}
         60 / 15 / 25 % to train, decide and test; or 75 / 25 % with the test images deciding.
     seed : int
-    times : array of shape (n_images,), optional
-        [s]; when given, the split is by blocks.
-    n_blocks : int
     groups : array of shape (n_images,), optional
-        Images of equal value, such as repeated shots of one pose, serve the same purpose; they
-        count as one where images are drawn at random. Blocks of time are left as they are.
+        Images of equal value serve the same purpose, see `independent_groups`; those of a value
+        below 0 serve none. By default each image is by itself.
 
     Returns
     -------
@@ -71,8 +65,8 @@ def split_images(
     Raises
     ------
     InvalidInputError
-        If the protocol is unknown, there are too few images or groups for three parts, or `times`
-        are not one finite number an image, or `groups` not one value an image.
+        If the protocol is unknown, there are too few groups for three parts, or `groups` are not
+        one value an image.
 
     Examples
     --------
@@ -84,68 +78,46 @@ def split_images(
         raise InvalidInputError(
             f"protocol must be one of {', '.join(PROTOCOLS)}, got {protocol!r}."
         )
-    if times is None and groups is not None:
-        return _split_groups(np.asarray(groups), n_images, protocol, seed)
-    least = 8 if times is None else 2 * n_blocks
-    if n_images < least:
+    labels = np.arange(n_images) if groups is None else np.asarray(groups)
+    if labels.shape != (n_images,):
         raise InvalidInputError(
-            f"Splitting into training, validation and test needs at least {least} images, "
-            f"got {n_images}."
+            f"groups must be {n_images} values, one an image, got the shape {labels.shape}."
         )
-    if times is None:
-        train, validation, test = _split_at_random(n_images, seed)
-    else:
-        train, validation, test = _split_by_blocks(_checked(times, n_images), n_blocks, seed)
+    members = _members(labels)
+    if len(members) < LEAST_GROUPS:
+        raise InvalidInputError(
+            "Splitting into training, validation and test needs images from at least "
+            f"{LEAST_GROUPS} places that are far apart, got {len(members)} of {n_images} images; "
+            "take them at more poses."
+        )
+    drawn = [members[i] for i in np.random.default_rng([seed, 1]).permutation(len(members))]
+    n = sum(map(len, members))
+    test, validation = (_draw(drawn, round(share * n)) for share in HONEST_FRACTIONS[:0:-1])
+    train = np.sort(np.concatenate(drawn))
     if protocol == "paper":
         return Split(np.sort(np.concatenate([train, validation])), test, test)
     return Split(train, validation, test)
 
 
-def _split_groups(groups: NDArray[Any], n_images: int, protocol: str, seed: int) -> Split:
-    if groups.shape != (n_images,):
-        raise InvalidInputError(
-            f"groups must be {n_images} values, one an image, got the shape {groups.shape}."
-        )
-    _, first, members = np.unique(groups, return_index=True, return_inverse=True)
-    order = np.argsort(np.argsort(first))[members]  # groups by their first images
-    split = split_images(len(first), protocol, seed)
-    train, validation, test = (
-        np.flatnonzero(np.isin(order, part)) for part in (split.train, split.validation, split.test)
-    )
-    return Split(train, test if split.validation is split.test else validation, test)
+def _members(labels: NDArray[Any]) -> list[Indices]:
+    """The images of each group, groups in the order of their first images."""
+    kept = np.flatnonzero(~(labels < 0)) if labels.dtype.kind == "i" else np.arange(len(labels))
+    _, first, inverse = np.unique(labels[kept], return_index=True, return_inverse=True)
+    order = np.argsort(inverse, kind="stable")
+    found = np.split(kept[order], np.cumsum(np.bincount(inverse))[:-1])
+    return [found[i] for i in np.argsort(first)]
 
 
-def _checked(times: ArrayLike, n_images: int) -> NDArray[np.float64]:
-    seconds = np.asarray(times, dtype=float)
-    if seconds.shape != (n_images,) or not np.isfinite(seconds).all():
-        raise InvalidInputError(
-            f"times must be {n_images} finite numbers, one an image, got the shape "
-            f"{seconds.shape} with {np.count_nonzero(~np.isfinite(seconds))} NaN or infinite."
-        )
-    return seconds
-
-
-def _split_at_random(n: int, seed: int) -> tuple[Indices, Indices, Indices]:
-    order = np.random.default_rng([seed, 1]).permutation(n)
-    _, validation_share, test_share = HONEST_FRACTIONS
-    n_validation, n_test = round(validation_share * n), round(test_share * n)
-    parts = order[n_test + n_validation :], order[n_test : n_test + n_validation], order[:n_test]
-    return np.sort(parts[0]), np.sort(parts[1]), np.sort(parts[2])
-
-
-def _split_by_blocks(
-    times: NDArray[np.float64], n_blocks: int, seed: int
-) -> tuple[Indices, Indices, Indices]:
-    purposes = np.zeros(n_blocks, dtype=int)
-    _, validation_share, test_share = HONEST_FRACTIONS
-    n_validation, n_test = round(validation_share * n_blocks), round(test_share * n_blocks)
-    order = np.random.default_rng([seed, 2]).permutation(n_blocks)
-    purposes[order[:n_test]] = 2
-    purposes[order[n_test : n_test + n_validation]] = 1
-    parts: tuple[list[Indices], ...] = ([], [], [])
-    for i, block in enumerate(np.array_split(np.argsort(times, kind="stable"), n_blocks)):
-        leaks = i + 1 < n_blocks and purposes[i] != purposes[i + 1]
-        kept = block[: len(block) - max(1, len(block) // 10)] if leaks else block
-        parts[purposes[i]].append(kept)
-    train, validation, test = (np.sort(np.concatenate(part)) for part in parts)
-    return train, validation, test
+def _draw(groups: list[Indices], n_wanted: int) -> Indices:
+    """Take groups out of a list, in its order, while they bring their size nearer to a number."""
+    size, taken = 0, []
+    for i, group in enumerate(groups):
+        if abs(size + len(group) - n_wanted) < n_wanted - size:
+            size += len(group)
+            taken.append(i)
+    if not taken:
+        taken = [int(np.argmin([len(group) for group in groups]))]
+    part = np.sort(np.concatenate([groups[i] for i in taken]))
+    for i in reversed(taken):
+        del groups[i]
+    return part

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from servoscope import __version__
 from servoscope.data.images import PoseImageSet
-from servoscope.data.independence import same_poses
-from servoscope.data.splits import Split, split_images
+from servoscope.data.independence import split_data
+from servoscope.data.splits import Split
 from servoscope.errors import InvalidInputError
 from servoscope.features import GeometricMoments, compute_image_basis
 from servoscope.files import write_arrays, write_json, write_text
@@ -239,14 +239,6 @@ def describe_run(folder: RunFolder, data: PoseImageSet) -> dict[str, Any]:
         "settings": folder.settings,
         "timings_s": folder.timings(),
     }
-
-
-def split_data(data: PoseImageSet, protocol: str, seed: int) -> Split:
-    """The images of a data set that train, decide and test, split as the set is to be."""
-    times = None
-    if data.split == "blocks":
-        times = np.arange(len(data)) if data.times is None else data.times
-    return split_images(len(data), protocol, seed, times, groups=same_poses(data))
 
 
 def in_order_of_time(data: PoseImageSet, images: NDArray[np.intp]) -> NDArray[np.intp]:
