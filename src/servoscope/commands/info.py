@@ -77,7 +77,7 @@ def describe_data_set(folder: Path) -> dict[str, Any]:
     DataSetError
         If it cannot be read.
     """
-    from servoscope.data.checks import data_set_warnings, image_faults
+    from servoscope.data.checks import check_data, image_faults
     from servoscope.data.images import PoseImageSet
     from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 
@@ -100,7 +100,7 @@ def describe_data_set(folder: Path) -> dict[str, Any]:
         **_how_acquired(data.source),
         **{key: data.source[key] for key in ("forecast",) if key in data.source},
         "unusable_images": {reason: int(bad.sum()) for reason, bad in faults.items()},
-        "warnings": data_set_warnings(data, faults),
+        "warnings": [finding.text for finding in check_data(data, faults)],
         "source": data.source,
     }
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import UseAppendAction, arg
 
 from servoscope.commands.options import DataSet, Force, Jobs, Json, ModelOut, owning_model
-from servoscope.errors import InvalidInputError
+from servoscope.errors import InvalidInputError, ServoscopeWarning
 
 if TYPE_CHECKING:
     from servoscope.positioning.calibration import Calibration
@@ -77,6 +78,7 @@ def train(
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import console, print_json
     from servoscope.commands.progress import progress_bar
+    from servoscope.data.checks import check_data
     from servoscope.data.images import PoseImageSet
     from servoscope.positioning.decision import decision_text
     from servoscope.positioning.model_folder import check_free
@@ -88,6 +90,8 @@ def train(
     data = PoseImageSet.load(dataset)
     for more in add:
         data = data + PoseImageSet.load(more)
+    for finding in check_data(data):
+        warnings.warn(finding.text, ServoscopeWarning, stacklevel=2)
     calibration = _calibration(data.image_shape, intrinsics, pose_noise, distance_mm)
     with progress_bar("training", N_STAGES) as advance:
         model = train_model(
