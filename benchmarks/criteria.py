@@ -21,6 +21,8 @@ from matplotlib.figure import Figure
 
 import servoscope as sv
 from benchmarks.tables import Findings, as_markdown
+from servoscope.data.independence import split_data
+from servoscope.data.splits import Split
 from servoscope.selection import (
     CRITERIA,
     Candidates,
@@ -28,10 +30,8 @@ from servoscope.selection import (
     information_test,
     redundancy_bias,
 )
-from servoscope.splits import Split
 from servoscope.study.config import N_EIGENVECTORS
 from servoscope.study.feature_tables import compute_feature_table
-from servoscope.study.run import split_data
 
 COUNTS = (1, 2, 4, 8, 16, 24)
 RESTARTS = 3

@@ -22,9 +22,9 @@ from benchmarks.family_features import PUBLISHED, FamilySamples, compute_familie
 from benchmarks.family_figure import draw_errors
 from benchmarks.tables import Findings, as_markdown
 from servoscope.assessment.families import FAMILIES
+from servoscope.data.independence import split_data
 from servoscope.positioning.disturbances import SINGLE_DISTURBANCES
 from servoscope.processes import one_blas_thread
-from servoscope.study.run import split_data
 
 CONDITIONS = ("clean", *SINGLE_DISTURBANCES)
 MAX_SAMPLES = 5000

@@ -9,9 +9,9 @@ import numpy as np
 
 import servoscope as sv
 from servoscope.assessment.families import FAMILIES
+from servoscope.data.splits import Split
 from servoscope.features.image_transformer import ImageTransformer
 from servoscope.positioning.disturbances import SINGLE_DISTURBANCES, Disturbances
-from servoscope.splits import Split
 from servoscope.study.feature_tables import lfa_window
 
 N_SELECTED = 24

@@ -11,9 +11,9 @@ import sys
 import numpy as np
 
 import servoscope as sv
+from servoscope.data.splits import split_images
 from servoscope.regression.levenberg_marquardt import LMSettings, levenberg_marquardt
 from servoscope.regression.tanh_network import append_ones, evaluate, initial_weights
-from servoscope.splits import split_images
 
 HIDDEN, TRIALS = 30, 3
 

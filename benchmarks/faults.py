@@ -19,12 +19,12 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.tables import Findings
 from servoscope.acquisition import AcquisitionConfig, acquire
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
+from servoscope.data.schedule import parse_schedule
 from servoscope.poses import inverse_transform, pose_error, rigid_transform
 from servoscope.positioning import LoopSettings, Positioner, PositioningModel, train
 from servoscope.processes import in_processes, one_blas_thread
 from servoscope.scene.scene import T_WORLD_REF
-from servoscope.schedule import parse_schedule
 from servoscope.scoreboard.cell import robot_in_cell
 
 SIZE = 128

@@ -26,14 +26,14 @@ from benchmarks.forecast_agreement import (
 from benchmarks.tables import Findings, as_text
 from benchmarks.timing import Contender, Table, race
 from servoscope.acquisition import AcquisitionConfig, acquire
+from servoscope.data.independence import split_data
+from servoscope.data.splits import Split
 from servoscope.features import compute_image_basis
 from servoscope.poses import DISPLACEMENTS
 from servoscope.processes import in_processes
 from servoscope.selection import MutualInfoSelector, forecast_from_folds, refit_features
 from servoscope.selection.rms_interval import rms_interval
-from servoscope.splits import Split
 from servoscope.study.feature_tables import FeatureTable, lfa_window
-from servoscope.study.run import split_data
 
 N_BLOCKS = 20
 

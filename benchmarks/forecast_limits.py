@@ -19,11 +19,11 @@ import servoscope as sv
 from benchmarks.forecast import StudyFeatures, blocks, feature_subsets
 from benchmarks.forecast_agreement import BAND, rms
 from benchmarks.tables import Findings, as_markdown
+from servoscope.data.independence import split_data
 from servoscope.poses import DISPLACEMENTS
 from servoscope.processes import in_processes
 from servoscope.selection import entropy_power
 from servoscope.study.feature_tables import FeatureTable
-from servoscope.study.run import split_data
 
 LEARNT = ("gm", "pca", "first 65")
 """Features whose learning curves are tried."""

@@ -17,7 +17,7 @@ from benchmarks.tables import Findings
 from servoscope import AcquisitionConfig, Keyframe, acquire
 from servoscope.acquisition import take_image
 from servoscope.acquisition_until import FIRST, N_GROUPS, NEXT, acquire_until
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.keyframe import forecast_accuracy, next_displacements, read_held_out
 from servoscope.poses import (
     DISPLAY_FACTORS,

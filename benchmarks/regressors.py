@@ -16,12 +16,12 @@ import numpy as np
 import servoscope as sv
 from benchmarks.tables import Findings, as_markdown, as_text
 from servoscope.acquisition import AcquisitionConfig, acquire
+from servoscope.data.independence import split_data
 from servoscope.features import compute_image_basis
 from servoscope.poses import DISPLACEMENTS
 from servoscope.regression import RegressorScore
 from servoscope.study.config import N_EIGENVECTORS
 from servoscope.study.feature_tables import FeatureTable, compute_feature_table
-from servoscope.study.run import split_data
 
 HEADER = ("features", "regressor", *sv.DOFS, "mean", "covered", "width / RMS", "fit s")
 

@@ -11,7 +11,7 @@ import sys
 import numpy as np
 
 import servoscope as sv
-from servoscope.splits import split_images
+from servoscope.data import split_data
 
 OPTIONS = sv.ImportOptions(direction="camera-to-world", units="m", axes="opencv", image_width=128)
 N_SELECTED = 4
@@ -22,8 +22,7 @@ def main(folder: str) -> None:
     print(f"{len(data)} images around {data.source['reference']}")
 
     # Nothing but the training images may decide anything; the rest is for trying it afterwards.
-    times = data.times if data.split == "blocks" else None
-    train = split_images(len(data), times=times).train
+    train = split_data(data).train
     images, delta_p = data.images[train], data.delta_p()[train]
 
     families = [sv.GeometricMoments(), sv.PoseImageCovariance(), sv.Eigenfeatures(n_components=8)]

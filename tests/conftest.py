@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from planar import planar_data_set
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 
 SHARED = Path(__file__).parents[2] / "shared"
 

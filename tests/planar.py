@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.poses import poses_from_displacements
 
 PIVOT = 0.55

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from planar import PIVOT, RANGES, planar_images
 from planar_cell import SIZE, T_WORLD_REF, Cell
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.poses import (
     displacements_from_poses,
     inverse_transform,

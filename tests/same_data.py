@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 
 
 def assert_same(a: PoseImageSet, b: PoseImageSet) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from servoscope.acquisition import AcquisitionConfig
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.poses import displacements_from_poses, inverse_transform
 from servoscope.positioning.interfaces import Estimate
 from servoscope.robots.registry import SimulatedRobot

@@ -2,16 +2,18 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from same_data import assert_same
-from servoscope import dataset_folder
 from servoscope.acquisition import AcquisitionConfig, acquire
-from servoscope.dataset import PoseImageSet
-from servoscope.dataset_progress import Progress, write_progress
+from servoscope.data import folder as dataset_folder
+from servoscope.data.folder import Progress, write_progress
+from servoscope.data.images import PoseImageSet
 from servoscope.errors import FolderExistsError, InvalidInputError
+from servoscope.files import write_json
 
 CONFIG = AcquisitionConfig(n_images=60, image_size=16, seed=3)
 
@@ -20,6 +22,12 @@ CONFIG = AcquisitionConfig(n_images=60, image_size=16, seed=3)
 def whole(tmp_path_factory: pytest.TempPathFactory) -> PoseImageSet:
     """What an undisturbed acquisition in one process gives."""
     return acquire(tmp_path_factory.mktemp("whole"), CONFIG, n_jobs=1)
+
+
+def _interrupt_at_the_end(path: Path, content: dict[str, Any]) -> None:
+    if path.name == "meta.json":
+        raise KeyboardInterrupt
+    write_json(path, content)
 
 
 def _interrupt(*_: object, **__: object) -> None:
@@ -109,18 +117,19 @@ def test_an_interrupted_acquisition_goes_on_where_it_stopped(
         "acquisition.create_poses",
         "acquisition.write_poses",
         "acquisition.write_progress",
-        "dataset_folder.finish",
-        "dataset_folder.forget_progress",
-        "dataset_folder.write_images",
-        "dataset_folder.write_json",
-        "dataset_folder.write_text",
+        "data.folder.finish",
+        "data.folder.forget_progress",
+        "data.folder.write_images",
+        "data.folder.write_json",
+        "data.folder.write_text",
     ],
 )
 def test_a_stop_at_any_step_loses_nothing(
     tmp_path: Path, whole: PoseImageSet, step: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(f"servoscope.{step}", _interrupt)
+        ends = step == "data.folder.write_json"
+        patch.setattr(f"servoscope.{step}", _interrupt_at_the_end if ends else _interrupt)
         with pytest.raises(KeyboardInterrupt):
             acquire(tmp_path, CONFIG, n_jobs=1)
     assert_same(acquire(tmp_path, CONFIG, n_jobs=1), whole)

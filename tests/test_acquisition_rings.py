@@ -8,7 +8,7 @@ from scipy.stats import kstest
 
 from same_data import assert_same
 from servoscope.acquisition import AcquisitionConfig, acquire
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.errors import InvalidInputError
 from servoscope.poses import displacements_from_poses
 from servoscope.robots.registry import make_robot

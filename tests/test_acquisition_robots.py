@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from servoscope.acquisition import AcquisitionConfig, acquire
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.errors import RobotFaultError
 from servoscope.poses import (
     displacements_from_poses,

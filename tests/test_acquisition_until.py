@@ -16,8 +16,8 @@ from servoscope.acquisition_until import (
     take_until,
 )
 from servoscope.cli import main
-from servoscope.dataset import PoseImageSet
-from servoscope.dataset_progress import KEPT_IMAGES, Progress, keep_image, write_progress
+from servoscope.data.folder import KEPT_IMAGES, Progress, keep_image, write_progress
+from servoscope.data.images import PoseImageSet
 from servoscope.errors import FolderExistsError, InvalidInputError
 from servoscope.keyframe import Keyframe, next_displacements
 from servoscope.poses import (

@@ -15,7 +15,7 @@ import pytest
 
 from planar import planar_data_set
 from servoscope.cli import main
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.storage.ownership import LOCK, owned
 
 MOMENTS = ("--families", "moments")
@@ -259,7 +259,7 @@ def test_a_full_disk_costs_nothing_of_a_run_that_is_replaced(
 ):
     run = tmp_path / "run"
     shutil.copytree(finished, run)
-    monkeypatch.setattr("servoscope.dataset_folder.write_images", full)
+    monkeypatch.setattr("servoscope.data.folder.write_images", full)
     assert main([*STUDY, "--out", str(run), "--force"]) == 1
     assert "No space left on device" in capsys.readouterr().err
     assert of_folder(run) == of_folder(finished)
@@ -275,7 +275,7 @@ def test_a_full_disk_costs_nothing_of_a_set_that_an_import_replaces(tmp_path, mo
     (tmp_path / "source" / "poses.csv").write_text(poses)
     command = ["import", "folder", str(tmp_path / "source"), str(tmp_path / "data"), "--force"]
     with monkeypatch.context() as patch:
-        patch.setattr("servoscope.dataset_folder.write_json", full)
+        patch.setattr("servoscope.data.folder.write_text", full)
         assert main(command) == 1
     assert "No space left on device" in capsys.readouterr().err
     assert of_folder(tmp_path / "data") == before

@@ -1,6 +1,6 @@
 from .acquisition import AcquisitionConfig as AcquisitionConfig
 from .acquisition import acquire as acquire
-from .dataset import PoseImageSet as PoseImageSet
+from .data.images import PoseImageSet as PoseImageSet
 from .errors import ServoscopeError as ServoscopeError
 from .features import CosineCoefficients as CosineCoefficients
 from .features import Eigenfeatures as Eigenfeatures

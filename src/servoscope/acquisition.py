@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope import dataset_folder
 from servoscope.acquisition_config import AcquisitionConfig as AcquisitionConfig
-from servoscope.dataset import PoseImageSet
-from servoscope.dataset_progress import (
+from servoscope.data import folder as dataset_folder
+from servoscope.data.folder import (
     IMAGES_PER_CHUNK,
     Folder,
     Progress,
@@ -23,6 +22,7 @@ from servoscope.dataset_progress import (
     write_poses,
     write_progress,
 )
+from servoscope.data.images import PoseImageSet
 from servoscope.errors import DataSetError, FolderExistsError, RobotFaultError
 from servoscope.poses import poses_from_displacements
 from servoscope.processes import in_processes

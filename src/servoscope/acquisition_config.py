@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.data.schedule import Ring, Schedule, check_schedule, format_schedule
 from servoscope.dofs import check_dofs, mask_of
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DOFS, inverse_transform, poses_from_displacements
@@ -16,7 +17,6 @@ from servoscope.robots.free_camera import Repeatability
 from servoscope.robots.registry import check_robot, make_robot
 from servoscope.scene.parts import make_part
 from servoscope.scene.scene import T_WORLD_REF, Scene
-from servoscope.schedule import Ring, Schedule, check_schedule, format_schedule
 
 Array = NDArray[np.float64]
 

@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from servoscope import dataset_folder
 from servoscope.acquisition import take_image, take_reference
 from servoscope.acquisition_config import AcquisitionConfig
-from servoscope.dataset import PoseImageSet
-from servoscope.dataset_progress import (
+from servoscope.data import folder as dataset_folder
+from servoscope.data.folder import (
     Folder,
     Progress,
     forget_progress,
@@ -25,6 +24,7 @@ from servoscope.dataset_progress import (
     read_progress,
     write_progress,
 )
+from servoscope.data.images import PoseImageSet
 from servoscope.errors import DataSetError, FolderExistsError
 from servoscope.keyframe import (
     AccuracyForecast,

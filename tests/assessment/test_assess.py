@@ -7,10 +7,10 @@ import pytest
 
 from planar import PIVOT, RANGES, planar_data_set, planar_images
 from servoscope.assessment import as_json, assess
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
+from servoscope.data.splits import split_images
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DOFS, poses_from_displacements
-from servoscope.splits import split_images
 
 
 def decide(data, wishes=None, n_jobs=1, families=("moments", "log_polar", "pose_covariance")):

@@ -6,8 +6,8 @@ import pytest
 
 from planar import planar_data_set
 from servoscope.assessment.image_facts import describe_images
-from servoscope.assessment.pixel_noise import estimate_pixel_noise
 from servoscope.assessment.repetition import find_repetition
+from servoscope.data.pixel_noise import estimate_pixel_noise
 
 
 def scenery(sigma, shape=(240, 320), seed=0):

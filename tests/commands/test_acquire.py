@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from servoscope.cli import main
+from servoscope.data.schedule import RECOMMENDED, format_schedule
 from servoscope.robots.registry import ROBOTS
-from servoscope.schedule import RECOMMENDED, format_schedule
 
 SMALL = ("--image-size", "16", "--jobs", "1")
 

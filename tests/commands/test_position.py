@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from servoscope.cli import main
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.positioning import PositioningModel
 
 SCHEDULE = "240@1.6,240@1.0,150@0.4,150@0.12,150@0.04"

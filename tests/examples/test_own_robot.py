@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import servoscope as sv
+from servoscope.data.schedule import parse_schedule
 from servoscope.poses import pose_error, rigid_transform
-from servoscope.schedule import parse_schedule
 
 SCRIPT = Path(__file__).parents[2] / "examples" / "own_robot.py"
 

@@ -5,14 +5,14 @@ import pytest
 
 from planar import PIVOT, RANGES, planar_images
 from planar_cell import SIZE, Cell
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
+from servoscope.data.schedule import Ring, format_schedule
 from servoscope.errors import InvalidInputError
 from servoscope.poses import displacements_from_poses, poses_from_displacements
 from servoscope.positioning.interfaces import Estimate
 from servoscope.positioning.iterated_networks import IteratedNetworks
 from servoscope.positioning.look_and_move import Positioner
 from servoscope.positioning.settings import LoopSettings
-from servoscope.schedule import Ring, format_schedule
 
 SCHEDULE = (Ring(600, 1.0), Ring(300, 0.4), Ring(200, 0.15))
 

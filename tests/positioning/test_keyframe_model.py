@@ -8,7 +8,7 @@ import pytest
 from planar import PIVOT, RANGES, planar_images
 from planar_cell import SIZE, T_WORLD_REF, Cell
 from planar_model import T_FLANGE_CAM, FlangeCell
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.errors import DataSetError, ModelError, ServoscopeWarning
 from servoscope.poses import displacements_from_poses, pose_error
 from servoscope.positioning import KeyframeModel, Positioner, PositioningModel, train

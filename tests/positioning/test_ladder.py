@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from planar import RANGES, planar_images
+from servoscope.data.schedule import RECOMMENDED, parse_schedule
 from servoscope.errors import DataSetError
 from servoscope.positioning.interaction import MARGIN
 from servoscope.positioning.ladder import (
@@ -17,7 +18,6 @@ from servoscope.positioning.ladder import (
     plan_rungs,
 )
 from servoscope.positioning.polynomials import exponents
-from servoscope.schedule import RECOMMENDED, parse_schedule
 
 SIZE = 32
 

@@ -9,7 +9,7 @@ import pytest
 from planar import planar_images
 from planar_cell import SIZE, T_WORLD_REF
 from planar_model import RANGES, RINGS, camera_data, camera_model
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.poses import DOFS, poses_from_displacements
 from servoscope.positioning.model_folder import ARRAYS, MODEL

@@ -3,6 +3,7 @@ import pytest
 from scipy.stats import norm
 from sklearn.base import BaseEstimator
 
+from servoscope.data.splits import split_images
 from servoscope.errors import InvalidInputError
 from servoscope.regression import (
     REGRESSORS,
@@ -11,7 +12,6 @@ from servoscope.regression import (
     LMRegressor,
     compare_regressors,
 )
-from servoscope.splits import split_images
 
 
 class MeanAndSpread(BaseEstimator):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from servoscope.acquisition import AcquisitionConfig, acquire
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.positioning.photometric import PhotometricServoing
 from servoscope.robots.arm import MOUNT
 from servoscope.robots.free_camera import Repeatability

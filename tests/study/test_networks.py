@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from servoscope.data.splits import split_images
 from servoscope.poses import DOFS
 from servoscope.selection import ThresholdSubset
-from servoscope.splits import split_images
 from servoscope.study import StudyConfig
 from servoscope.study.feature_tables import FeatureTable
 from servoscope.study.networks import StudyNets, TrainedNet, train_study_nets

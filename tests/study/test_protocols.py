@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from planar import planar_data_set
+from servoscope.data.independence import split_data
 from servoscope.poses import DISPLACEMENTS, DOFS
 from servoscope.selection import mutual_information
 from servoscope.study import Study, StudyConfig, open_run_folder
-from servoscope.study.run import split_data
 
 N_IMAGES = 160
 QUICK = StudyConfig(hidden=1, restarts=1, n_thresholds=3)

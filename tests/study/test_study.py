@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from planar import planar_data_set
+from servoscope.data.splits import split_images
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DISPLACEMENTS, DOFS
 from servoscope.regression import PoseRegressor
-from servoscope.splits import split_images
 from servoscope.study import Study, StudyConfig, check_data, open_run_folder
 from servoscope.study.paper import FAMILIES
 

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
+from servoscope.data.splits import split_images
 from servoscope.poses import DOFS
 from servoscope.regression import LMRegressor
 from servoscope.selection import ThresholdSubset
-from servoscope.splits import split_images
 from servoscope.study.assessment import assess_features
 from servoscope.study.feature_tables import FeatureTable
 from servoscope.study.networks import StudyNets, SweepPoint, TrainedNet

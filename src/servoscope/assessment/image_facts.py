@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from servoscope.assessment.pixel_noise import estimate_pixel_noise
 from servoscope.assessment.repetition import Repetition, find_repetition
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
+from servoscope.data.pixel_noise import estimate_pixel_noise
 
 _LOOKED_AT = 30
 

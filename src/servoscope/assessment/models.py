@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.assessment.families import FamilyFeatures, FamilyTransformer
+from servoscope.data.splits import Split
 from servoscope.poses import DOFS
 from servoscope.processes import in_processes, one_blas_thread
 from servoscope.regression import GaussianProcess
 from servoscope.regression.comparison import INTERVAL
-from servoscope.splits import Split
 
 Array = NDArray[np.float64]
 

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from servoscope.assessment.candidates import Candidate
 from servoscope.assessment.image_facts import ImageFacts
-from servoscope.assessment.independence import Independence
 from servoscope.assessment.models import DofModel
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
+from servoscope.data.independence import IndependentGroups
+from servoscope.data.splits import Split
 from servoscope.regression import RegressorScore
 from servoscope.selection import Forecast, LearningCurve
-from servoscope.splits import Split
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ class Assessment:
     ----------
     data : PoseImageSet
     split : Split
-    independence : Independence
+    independence : IndependentGroups
     images : ImageFacts
     candidates : dict of Candidate
     choice : dict
@@ -52,7 +52,7 @@ class Assessment:
 
     data: PoseImageSet = field(repr=False)
     split: Split = field(repr=False)
-    independence: Independence = field(repr=False)
+    independence: IndependentGroups = field(repr=False)
     images: ImageFacts
     candidates: dict[str, Candidate] = field(repr=False)
     choice: dict[str, str]

@@ -20,21 +20,21 @@ from servoscope.assessment.candidates import (
 from servoscope.assessment.disturbed import disturbed_errors, noise_errors
 from servoscope.assessment.families import FAMILIES, choose_tried, compute_families
 from servoscope.assessment.image_facts import ImageFacts, describe_images
-from servoscope.assessment.independence import (
-    Independence,
-    find_groups,
-    moves_enough,
-    split_groups,
-)
 from servoscope.assessment.models import DofModel, join_models, train_models
 from servoscope.assessment.outcome import Assessment
 from servoscope.assessment.what_if import forecast_without_border
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
+from servoscope.data.independence import (
+    IndependentGroups,
+    independent_groups,
+    moves_enough,
+    split_groups,
+)
+from servoscope.data.splits import Split
 from servoscope.poses import DOFS
 from servoscope.progress import ProgressBar, no_progress
 from servoscope.regression import REGRESSORS, RegressorScore, compare_regressors
 from servoscope.selection import Forecast, LearningCurve, learning_curve
-from servoscope.splits import Split
 
 Array = NDArray[np.float64]
 
@@ -87,8 +87,8 @@ class _Course:
     progress: ProgressBar
 
     @cached_property
-    def independence(self) -> Independence:
-        return find_groups(self.data)
+    def independence(self) -> IndependentGroups:
+        return independent_groups(self.data)
 
     @cached_property
     def split(self) -> Split:
@@ -100,7 +100,7 @@ class _Course:
 
     @cached_property
     def groups(self) -> NDArray[np.intp] | None:
-        return own_groups(self.independence.groups[self.learn])
+        return own_groups(self.independence.labels[self.learn])
 
     @cached_property
     def targets(self) -> Array:
@@ -157,7 +157,7 @@ class _Course:
                 self.data.images,
                 self.targets,
                 self.learn,
-                self.independence.groups,
+                self.independence.labels,
                 features,
                 n_jobs=self.n_jobs,
                 on_progress=advance,

@@ -70,11 +70,11 @@ def acquire(
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import print_facts, print_message
     from servoscope.commands.progress import progress_bar
+    from servoscope.data.schedule import parse_schedule
     from servoscope.dofs import parse_dofs
     from servoscope.errors import InvalidInputError
     from servoscope.poses import DOFS
     from servoscope.requested_accuracy import parse_accuracy
-    from servoscope.schedule import parse_schedule
 
     request = None if until is None else parse_accuracy(until)
     if request is not None:

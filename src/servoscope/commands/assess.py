@@ -40,12 +40,12 @@ def assess(
 
     from servoscope.assessment import parse_wishes
     from servoscope.assessment.families import choose_tried
-    from servoscope.assessment.independence import check_enough_images, mark_sequence
     from servoscope.commands.options import n_jobs, protocols
     from servoscope.commands.run_assessment import run_assessment, told_label_errors
     from servoscope.commands.run_study import finish_run, print_run
-    from servoscope.dataset import PoseImageSet
-    from servoscope.dataset_faults import data_set_warnings
+    from servoscope.data.checks import check_data
+    from servoscope.data.images import PoseImageSet
+    from servoscope.data.independence import check_enough_images, mark_sequence
     from servoscope.errors import InvalidInputError, ServoscopeWarning
     from servoscope.study import StudyConfig
     from servoscope.study.run_folder import owned_run_folder
@@ -60,8 +60,8 @@ def assess(
         )
     data = PoseImageSet.load(dataset)
     check_enough_images(data)
-    for text in data_set_warnings(data):
-        warnings.warn(text, ServoscopeWarning, stacklevel=2)
+    for finding in check_data(data):
+        warnings.warn(finding.text, ServoscopeWarning, stacklevel=2)
     data = mark_sequence(data)  # the study's random split would flatter
     settings = {"command": "assess", **asdict(config), "dataset": str(dataset.resolve())}
     settings |= {"want": wishes, "pose_error": label_errors, "families": tried}

@@ -77,8 +77,8 @@ def describe_data_set(folder: Path) -> dict[str, Any]:
     DataSetError
         If it cannot be read.
     """
-    from servoscope.dataset import PoseImageSet
-    from servoscope.dataset_faults import data_set_warnings, image_faults
+    from servoscope.data.checks import check_data, image_faults
+    from servoscope.data.images import PoseImageSet
     from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 
     data = PoseImageSet.load(folder)
@@ -101,7 +101,7 @@ def describe_data_set(folder: Path) -> dict[str, Any]:
         **_how_acquired(data.source),
         **{key: data.source[key] for key in ("forecast",) if key in data.source},
         "unusable_images": {reason: int(bad.sum()) for reason, bad in faults.items()},
-        "warnings": data_set_warnings(data, faults),
+        "warnings": [finding.text for finding in check_data(data, faults)],
         "source": data.source,
     }
 
@@ -195,7 +195,7 @@ def _keyframe(header: dict[str, Any], arrays: dict[str, Any]) -> Keyframe | None
 
 def _write_figure(folder: Path | None, file: Path, dataset: Path | None) -> None:
     """Write the figure of a keyframe model."""
-    from servoscope.dataset import PoseImageSet
+    from servoscope.data.images import PoseImageSet
     from servoscope.positioning.keyframe_model import RESIDUAL
     from servoscope.positioning.model_folder import is_model, read_model
     from servoscope.report.figures.keyframe import write_keyframe

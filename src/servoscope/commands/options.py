@@ -10,8 +10,8 @@ from typing import Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
+from servoscope.data.splits import PROTOCOLS
 from servoscope.errors import InvalidInputError
-from servoscope.splits import PROTOCOLS
 from servoscope.storage.ownership import owned
 
 Source = Positional[Annotated[Path, arg(metavar="SRC", help="Folder to read.")]]

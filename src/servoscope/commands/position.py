@@ -177,7 +177,7 @@ def _recorded(
     """A robot that lives in a recording of the model's reference, and the reference's pose."""
     import numpy as np
 
-    from servoscope.dataset import PoseImageSet
+    from servoscope.data.images import PoseImageSet
     from servoscope.dofs import mask_of
     from servoscope.positioning.interfaces import dofs_of
     from servoscope.robots.recorded import RecordedRobot

@@ -10,7 +10,7 @@ from rich.table import Table
 from servoscope.assessment import as_json, assess
 from servoscope.commands.output import console
 from servoscope.commands.progress import progress_bar
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.files import write_json
 from servoscope.poses import DISPLAY_UNITS, DOFS
 from servoscope.study.run import fingerprint

@@ -11,7 +11,7 @@ from rich.table import Table
 from servoscope.commands.output import console, print_json
 from servoscope.commands.progress import progress_bar
 from servoscope.commands.run_assessment import print_assessment
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.errors import InvalidInputError
 from servoscope.files import write_json
 from servoscope.poses import DISPLAY_UNITS, DOFS

@@ -11,7 +11,7 @@ from tyro.conf import arg
 from servoscope.commands.options import Force, Jobs, Json, Part, Resume, RunOut
 
 if TYPE_CHECKING:
-    from servoscope.dataset import PoseImageSet
+    from servoscope.data.images import PoseImageSet
     from servoscope.sensitivity import SensitivityConfig
     from servoscope.study.run_folder import RunFolder
 
@@ -208,7 +208,7 @@ def _images(
 ) -> PoseImageSet:
     from servoscope.acquisition import acquire
     from servoscope.commands.progress import progress_bar
-    from servoscope.dataset import PoseImageSet
+    from servoscope.data.images import PoseImageSet
 
     folder, acquisition = run.path / "dataset", config.acquisition()
 

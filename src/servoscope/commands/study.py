@@ -37,7 +37,7 @@ def study(
     from servoscope.commands.options import n_jobs, protocols
     from servoscope.commands.progress import progress_bar
     from servoscope.commands.run_study import finish_run, print_run
-    from servoscope.dataset import PoseImageSet
+    from servoscope.data.images import PoseImageSet
     from servoscope.study.config import StudyConfig, check_n_images
     from servoscope.study.run_folder import RunFolder, owned_run_folder
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import arg
+from tyro.conf import UseAppendAction, arg
 
 from servoscope.commands.options import DataSet, Dofs, Force, Jobs, Json, ModelOut, owning_model
-from servoscope.errors import InvalidInputError
+from servoscope.errors import InvalidInputError, ServoscopeWarning
 
 if TYPE_CHECKING:
     from servoscope.positioning.calibration import Calibration
@@ -32,10 +33,21 @@ PoseNoise = Annotated[
 ]
 
 
+Add = Annotated[
+    UseAppendAction[tuple[Path, ...]],
+    arg(
+        metavar="DATASET",
+        help="Another data set about the same reference pose or image, as of another lamp or of "
+        "more images, to train on as well; may be given again.",
+    ),
+]
+
+
 @owning_model
 def train(
     dataset: DataSet,
     out: ModelOut = Path("servoscope-model"),
+    add: Add = (),
     method: Literal["auto", "keyframe", "levels"] = "auto",
     intrinsics: Intrinsics = None,
     pose_noise: PoseNoise = None,
@@ -57,6 +69,8 @@ def train(
 
     Example: servoscope acquire gantry --dofs tx,ty,rz --schedule 40@1.6 && servoscope train gantry
 
+    Example: servoscope train monday --add tuesday --add other-lamp --out model
+
     Example: servoscope train cell --intrinsics 512,512,319.5,239.5,-0.1,0.02 --pose-noise 0.1,0.02
 
     Args:
@@ -69,7 +83,8 @@ def train(
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import console, print_json
     from servoscope.commands.progress import progress_bar
-    from servoscope.dataset import PoseImageSet
+    from servoscope.data.checks import check_data
+    from servoscope.data.images import PoseImageSet
     from servoscope.dofs import parse_dofs
     from servoscope.positioning.decision import decision_text
     from servoscope.positioning.model_folder import check_free
@@ -79,8 +94,12 @@ def train(
     processes = n_jobs(jobs)
     check_free(out, force=force)
     data = PoseImageSet.load(dataset)
+    for more in add:
+        data = data + PoseImageSet.load(more)
     if dofs is not None:
         data = replace(data, asked_dofs=parse_dofs(dofs))
+    for finding in check_data(data):
+        warnings.warn(finding.text, ServoscopeWarning, stacklevel=2)
     calibration = _calibration(data.image_shape, intrinsics, pose_noise, distance_mm)
     with progress_bar("training", N_STAGES) as advance:
         model = train_model(

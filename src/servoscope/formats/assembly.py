@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.dataset import PoseImageSet
-from servoscope.dataset_faults import fault_words, image_faults, pose_warnings
+from servoscope.data.checks import check_poses, fault_words, image_faults
+from servoscope.data.images import PoseImageSet
 from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.formats.drops import BAD_IMAGE, FAR, HELD_POSE, Drops
 from servoscope.formats.frames import Frames
@@ -106,7 +106,8 @@ def assemble_data_set(
             **({} if levels.dtype == np.uint8 else {"bit_depth": bits}),
         },
     )
-    for text in (*pose_warnings(data), *_too_near(data, options)):
+    texts = [finding.text for finding in check_poses(data)]
+    for text in (*texts, *_too_near(data, options)):
         _warn(f"{kept.folder}: {text}")
     return data
 

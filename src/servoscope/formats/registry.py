@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.formats.folder import read_folder
 from servoscope.formats.options import ImportOptions
 from servoscope.formats.tum import TumOptions, read_tum

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.formats.assembly import assemble_data_set
 from servoscope.formats.conventions import T_world_cam_from_numbers

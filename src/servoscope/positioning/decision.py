@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.errors import InvalidInputError
 from servoscope.keyframe import Keyframe
 from servoscope.keyframe.fitting import evenly_spread

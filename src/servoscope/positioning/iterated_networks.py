@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
+from servoscope.data.schedule import parse_schedule
 from servoscope.errors import InvalidInputError
 from servoscope.poses import poses_from_displacements
 from servoscope.positioning.interfaces import Estimate
 from servoscope.positioning.pose_networks import PoseNetworks
-from servoscope.schedule import parse_schedule
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

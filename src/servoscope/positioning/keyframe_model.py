@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
+from servoscope.data.independence import independent_groups
 from servoscope.dofs import check_dofs, mask_of, moving_dofs
 from servoscope.errors import DataSetError, InvalidInputError
 from servoscope.keyframe import Alignment, Keyframe, Readings, read_held_out
@@ -33,7 +34,6 @@ from servoscope.positioning.recognition import (
     read_right,
     recogniser,
 )
-from servoscope.splits import independent_groups
 
 KIND = "keyframe"
 """What ``model.json`` calls a model of this kind."""

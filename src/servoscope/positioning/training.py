@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
+from servoscope.data.independence import independent_groups
 from servoscope.dofs import mask_of
 from servoscope.errors import DataSetError, InvalidInputError, ServoscopeWarning
 from servoscope.poses import DISPLAY_FACTORS, DOFS, displacements_from_poses
@@ -22,7 +23,6 @@ from servoscope.positioning.ladder import HeldOut, has_images_for_levels, learn_
 from servoscope.positioning.model import PositioningModel
 from servoscope.positioning.pose_networks import PoseNetworks
 from servoscope.processes import one_blas_thread
-from servoscope.splits import independent_groups
 
 Array = NDArray[np.float64]
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from servoscope.arrays import as_numbers
+from servoscope.data.splits import Split
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DOFS
 from servoscope.processes import in_processes, one_blas_thread
 from servoscope.regression.registry import REGRESSORS, make_regressor
 from servoscope.regression.samples import Array, Samples
-from servoscope.splits import Split
 
 INTERVAL = 1.959963984540054
 """Half the width of the interval that holds 95 % of a normal variable, in standard deviations."""
@@ -93,7 +93,7 @@ def compare_regressors(
 
     Examples
     --------
-    >>> from servoscope.splits import split_images
+    >>> from servoscope.data.splits import split_images
     >>> X = np.random.default_rng(0).uniform(-1, 1, (100, 2))
     >>> split = split_images(100)
     >>> scores = compare_regressors(X, X**3, split, ["kernel_ridge"], dofs=("a", "b"), n_jobs=1)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.errors import RunFolderError
 from servoscope.files import write_arrays
 from servoscope.storage.archives import read_arrays

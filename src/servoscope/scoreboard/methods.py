@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.acquisition import AcquisitionConfig
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.poses import inverse_transform
 from servoscope.positioning import Estimate, Estimator, LoopSettings
 from servoscope.positioning.photometric import PhotometricEstimate, PhotometricServoing

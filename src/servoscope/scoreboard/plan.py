@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from servoscope.acquisition import AcquisitionConfig
+from servoscope.data.schedule import RECOMMENDED, Schedule, parse_schedule
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DOFS
-from servoscope.schedule import RECOMMENDED, Schedule, parse_schedule
 from servoscope.scoreboard.conditions import CONDITIONS
 from servoscope.scoreboard.methods import METHODS
 

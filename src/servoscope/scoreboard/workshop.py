@@ -7,7 +7,7 @@ from pathlib import Path
 
 from servoscope import __version__
 from servoscope.acquisition import AcquisitionConfig, acquire
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.poses import DOFS
 from servoscope.positioning import Estimator
 from servoscope.processes import one_blas_thread

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.data.splits import HONEST_FRACTIONS, PROTOCOLS
 from servoscope.errors import InvalidInputError
-from servoscope.splits import HONEST_FRACTIONS, PROTOCOLS
 
 N_EIGENVECTORS = 85
 """Eigenvectors that the largest family needs, and so the fewest training images but one."""

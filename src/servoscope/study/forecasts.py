@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.assessment.independence import find_groups
+from servoscope.data.independence import independent_groups
 from servoscope.poses import DOFS
 from servoscope.processes import in_processes
 from servoscope.selection import forecast_errors
@@ -67,8 +67,9 @@ def compare_forecasts(study: Study, unit: Unit) -> list[dict[str, Any]]:
 
 
 def _groups(study: Study, images: NDArray[np.intp]) -> NDArray[np.intp] | None:
-    """Blocks of a sequence that are left out together."""
-    return find_groups(study.data).groups[images] if study.data.split == "blocks" else None
+    """Images that are left out together; None where each is by itself."""
+    labels = independent_groups(study.data).labels[images]
+    return None if len(np.unique(labels)) == len(labels) else labels
 
 
 def _forecast(

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.data.splits import Split
 from servoscope.poses import DOFS
 from servoscope.regression import LMRegressor, NetworkJob, train_networks
 from servoscope.selection import ThresholdSubset, threshold_subsets
-from servoscope.splits import Split
 from servoscope.study.assessment import Assessment
 from servoscope.study.config import StudyConfig
 from servoscope.study.feature_tables import FeatureTable

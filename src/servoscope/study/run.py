@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope import __version__
-from servoscope.assessment.independence import same_poses
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
+from servoscope.data.independence import split_data
+from servoscope.data.splits import Split
 from servoscope.errors import InvalidInputError
 from servoscope.features import GeometricMoments, compute_image_basis
 from servoscope.files import write_arrays, write_json, write_text
 from servoscope.poses import DISPLACEMENTS, DOFS
 from servoscope.progress import ProgressBar, no_progress
 from servoscope.regression import PoseRegressor
-from servoscope.splits import Split, split_images
 from servoscope.study.assessment import Assessment, assess_features, rankings_as_csv
 from servoscope.study.chance import measure_chance
 from servoscope.study.config import N_EIGENVECTORS, StudyConfig, check_n_images
@@ -239,14 +239,6 @@ def describe_run(folder: RunFolder, data: PoseImageSet) -> dict[str, Any]:
         "settings": folder.settings,
         "timings_s": folder.timings(),
     }
-
-
-def split_data(data: PoseImageSet, protocol: str, seed: int) -> Split:
-    """The images of a data set that train, decide and test, split as the set is to be."""
-    times = None
-    if data.split == "blocks":
-        times = np.arange(len(data)) if data.times is None else data.times
-    return split_images(len(data), protocol, seed, times, groups=same_poses(data))
 
 
 def in_order_of_time(data: PoseImageSet, images: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.data.splits import Split
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 from servoscope.selection import best_subset
-from servoscope.splits import Split
 from servoscope.study.assessment import Assessment
 from servoscope.study.networks import StudyNets, SweepPoint
 from servoscope.study.paper import FAMILIES

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.dofs import mask_of
 from servoscope.errors import InvalidInputError
 from servoscope.features import PoseImageCovariance

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope import dataset_folder
+from servoscope.data import folder as dataset_folder
+from servoscope.data.display import as_html, as_text
 from servoscope.dofs import check_dofs, moving_dofs
 from servoscope.errors import DataSetError
 from servoscope.poses import (
@@ -19,16 +20,19 @@ from servoscope.poses import (
     check_displacement,
     displacement_ranges,
     displacements_from_poses,
+    inverse_transform,
     is_rigid,
+    pose_error,
 )
 
 SPLITS = ("random", "blocks")
 """How a set may be split: at random, or by blocks of time for images of one sequence."""
 
 _OUTLYING, _MOST_OUTLIERS = 2.0, 0.05
+_SAME_POSE = 1e-6  # metres and radians, as pose files are written
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PoseImageSet:
     """Images, the pose each was taken from, and the reference that displacements start at.
 
@@ -71,6 +75,8 @@ class PoseImageSet:
     >>> data = PoseImageSet(images, poses, np.eye(4), images[0], pivot=0.55)
     >>> data.delta_p()[1]
     array([0.01, 0.  , 0.  , 0.  , 0.  , 0.  ])
+    >>> data[:1] + data[1:]
+    PoseImageSet(2 images of 8 x 8, 1 dof moves, range 10 mm)
     """
 
     images: NDArray[np.uint8]
@@ -84,6 +90,8 @@ class PoseImageSet:
     split: str = "random"
     source: dict[str, Any] = field(default_factory=dict)
     asked_dofs: tuple[str, ...] = ()
+
+    __array_ufunc__ = None  # an array does not add itself to each image
 
     def __post_init__(self) -> None:
         if not self.names:
@@ -154,6 +162,8 @@ class PoseImageSet:
         >>> list(data.subset(np.array([2, 0])).names)
         ['c', 'a']
         """
+        if not len(indices):
+            raise DataSetError(f"No image is left of {len(self)}; a data set has one at least.")
         return replace(
             self,
             images=self.images[indices],
@@ -161,6 +171,108 @@ class PoseImageSet:
             names=[self.names[int(i)] for i in indices],
             times=None if self.times is None else self.times[indices],
         )
+
+    def __getitem__(self, index: Any) -> PoseImageSet:
+        """The images of a slice, of a mask with one bool an image, or of an array of indices.
+
+        Raises
+        ------
+        IndexError
+            If an index is beyond the images, or is none.
+        """
+        chosen = np.asarray(index) if not isinstance(index, slice | int) else index
+        if isinstance(chosen, np.ndarray) and not (chosen.size or chosen.dtype == bool):
+            chosen = chosen.astype(np.intp)
+        try:
+            return self.subset(np.atleast_1d(np.arange(len(self))[chosen]).ravel())
+        except IndexError as error:
+            raise IndexError(
+                f"Choose of {len(self)} images by a slice, by {len(self)} bools, or by whole "
+                f"numbers from {-len(self)} to {len(self) - 1}: {error}."
+            ) from None
+
+    def without(self, names: str | Iterable[str]) -> PoseImageSet:
+        """All images but those of some names.
+
+        Raises
+        ------
+        DataSetError
+            If there is no image of a name, or none is left.
+        """
+        left_out = {names} if isinstance(names, str) else set(names)
+        if unknown := sorted(left_out - set(self.names)):
+            raise DataSetError(
+                f"No image is named {unknown[0]!r}; names are like {self.names[0]!r}."
+            )
+        return self.subset(np.flatnonzero([name not in left_out for name in self.names]))
+
+    def __add__(self, other: PoseImageSet) -> PoseImageSet:
+        """The images of both sets, about the reference of the first.
+
+        The reference is the same if its pose is, as of another day or lamp: the poses are kept,
+        and so is the reference image of this set. It is also if its image is: poses of the other
+        set are then moved along with its reference, which keeps their displacements. Names that
+        this set has too get a suffix, and times that overlap are put after its own. Times are
+        kept if both sets have them; without, images are in the order of time.
+
+        Raises
+        ------
+        DataSetError
+            If the references, the image shapes or the pivots differ.
+        """
+        if not isinstance(other, PoseImageSet):
+            return NotImplemented
+        poses = _about_the_same_reference(self, other)
+        first, second, times = self, other, None
+        if self.times is not None and other.times is not None:
+            is_after = other.times.min() > self.times.max()
+            gap = 0.0 if is_after else self.times.max() - other.times.min() + 1.0
+            times = np.concatenate([self.times, other.times + gap])
+        else:
+            first, second, poses = _in_order_of_time(self, other, poses)
+        ranges = None
+        if self.pivot_ranges is not None or other.pivot_ranges is not None:
+            ranges = np.maximum(_own_ranges(self), _own_ranges(other))
+        is_sequence = "blocks" in (self.split, other.split)
+        added = {"n_images": len(other), "source": other.source}
+        return replace(
+            self,
+            images=np.concatenate([first.images, second.images]),
+            T_world_cam=np.concatenate([first.T_world_cam, poses]),
+            names=[*first.names, *_new_names(second.names, first.names)],
+            times=times,
+            pivot_ranges=ranges,
+            split="blocks" if is_sequence else "random",
+            source={**self.source, "added": [*self.source.get("added", []), added]},
+        )
+
+    @classmethod
+    def append(cls, folder: str | PathLike[str], data: PoseImageSet) -> PoseImageSet:
+        """Add images to a data set folder, which stays as it was until the new one is whole.
+
+        Returns
+        -------
+        PoseImageSet
+            What the folder holds then: ``PoseImageSet.load(folder) + data``.
+
+        Raises
+        ------
+        DataSetError
+            If the folder holds no data set, or the two do not fit together, see `__add__`.
+        FolderInUseError
+            If another command is writing there.
+        """
+        dataset_folder.read_meta(folder)
+        with dataset_folder.writing(folder, replace=True) as place:
+            joined = cls.load(folder) + data
+            joined.save(place)
+        return joined
+
+    def __repr__(self) -> str:
+        return as_text(self)
+
+    def _repr_html_(self) -> str:
+        return as_html(self)
 
     def save(self, folder: str | PathLike[str]) -> None:
         """Write a data set folder; see `docs/conventions.md` for its layout.
@@ -212,6 +324,59 @@ class PoseImageSet:
             )
         except (TypeError, ValueError) as error:
             raise DataSetError(f"{folder} does not hold together: {error}") from error
+
+
+def _about_the_same_reference(data: PoseImageSet, other: PoseImageSet) -> NDArray[np.float64]:
+    """The poses of another set in the world of the first, (n, 4, 4)."""
+    for what, ours, theirs in (
+        ("images of {1} x {0} px", data.image_shape, other.image_shape),
+        ("a pivot {0:g} m before the camera", (data.pivot,), (other.pivot,)),
+    ):
+        if not np.allclose(ours, theirs, rtol=0, atol=1e-9):
+            raise DataSetError(
+                f"Two sets join if they are alike, but one has {what.format(*ours)} and the other "
+                f"{what.format(*theirs)}; make them anew with the same."
+            )
+    metres, angle = pose_error(data.T_world_ref, other.T_world_ref)
+    if max(metres, angle) < _SAME_POSE:
+        return other.T_world_cam
+    if np.array_equal(data.reference_image, other.reference_image):
+        return data.T_world_ref @ inverse_transform(other.T_world_ref) @ other.T_world_cam
+    raise DataSetError(
+        "Two sets join if their references are of one pose or of one image, but these are "
+        f"{1e3 * metres:.3g} mm and {np.degrees(angle):.3g} deg apart, and the images differ; "
+        "take or import both about the same reference."
+    )
+
+
+def _in_order_of_time(
+    data: PoseImageSet, other: PoseImageSet, poses: NDArray[np.float64]
+) -> tuple[PoseImageSet, PoseImageSet, NDArray[np.float64]]:
+    """Two sets, and poses of the second, each in the order of its times if it has any."""
+    orders = [
+        np.arange(len(one)) if one.times is None else np.argsort(one.times, kind="stable")
+        for one in (data, other)
+    ]
+    return data.subset(orders[0]), other.subset(orders[1]), poses[orders[1]]
+
+
+def _own_ranges(data: PoseImageSet) -> NDArray[np.float64]:
+    if data.pivot_ranges is not None:
+        return data.pivot_ranges
+    return np.where(data.moves(), data.ranges(), 0.0)
+
+
+def _new_names(names: Iterable[str], taken: Iterable[str]) -> list[str]:
+    """The names, with a number behind those that are taken."""
+    known, new = set(taken), []
+    originals = set(names := list(names))
+    for name in names:
+        fresh, number = name, 2
+        while fresh in known or (fresh != name and fresh in originals):
+            fresh, number = f"{name}_{number}", number + 1
+        known.add(fresh)
+        new.append(fresh)
+    return new
 
 
 def _largest_but_outliers(sizes: NDArray[np.float64]) -> NDArray[np.float64]:

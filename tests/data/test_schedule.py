@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from servoscope.data.schedule import RECOMMENDED, check_schedule, format_schedule, parse_schedule
 from servoscope.errors import InvalidInputError
-from servoscope.schedule import RECOMMENDED, check_schedule, format_schedule, parse_schedule
 
 RINGS = st.tuples(st.integers(1, 1000), st.floats(0, 4, exclude_min=True))
 

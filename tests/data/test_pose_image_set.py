@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from servoscope import dataset_folder
-from servoscope.dataset import PoseImageSet
-from servoscope.dataset_progress import KEPT_IMAGES, Progress, write_progress
+from servoscope.data import folder as dataset_folder
+from servoscope.data.folder import KEPT_IMAGES, Progress, write_progress
+from servoscope.data.images import PoseImageSet
 from servoscope.errors import DataSetError, FolderExistsError, ServoscopeError
 from servoscope.poses import displacement_ranges, pose_error, poses_from_displacements
 
