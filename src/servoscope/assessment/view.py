@@ -1,0 +1,167 @@
+"""What the view allows, and what a keyframe of it reaches, before a robot moves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.data.images import PoseImageSet
+from servoscope.dofs import mask_of
+from servoscope.errors import InvalidInputError, ServoscopeError
+from servoscope.keyframe import Keyframe, Readings
+from servoscope.keyframe.fitting import evenly_spread
+from servoscope.poses import DISPLAY_FACTORS, DOFS
+from servoscope.positioning.keyframe_model import (
+    LEAST_IMAGES,
+    KeyframeModel,
+    keyframe_options,
+    read_right,
+)
+from servoscope.positioning.recognition import recogniser
+from servoscope.processes import in_processes
+from servoscope.progress import ProgressBar, no_progress
+from servoscope.rehearsal.run import Rehearsal
+from servoscope.selection.rms_interval import rms_interval
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+MOST_FITTED, MOST_READ = 40, 40
+"""Images that a keyframe is fitted to, and that it reads, at most."""
+
+LEAST_RIGHT = 0.5
+"""Of fewer images read right the view is not explained by a relief."""
+
+STARTS = 8
+"""Starts of the rehearsed loop."""
+
+_LEAST_READ = 5
+
+
+@dataclass(frozen=True, eq=False)
+class ViewFindings:
+    """What a keyframe says of a view, by dof about the pivot, in mm and degrees.
+
+    Parameters
+    ----------
+    model : KeyframeModel
+        Without first guesses.
+    limit : dict of str to float
+        Standard deviation that no estimate from one image goes below: the Cramer-Rao bound of the
+        grey levels at the reference.
+    rms, interval : dict
+        RMS error of one image each over those that were not learned from and were read right, and
+        its 90 % interval.
+    share_right : float
+        Of these images.
+    n_read : int
+    loop : dict
+        ``success``, the share of rehearsed starts that arrive; ``moves``, their median;
+        ``end_rms`` by dof, ``end_mm`` and ``end_deg``; None where none arrives.
+    """
+
+    model: KeyframeModel
+    limit: dict[str, float]
+    rms: dict[str, float]
+    interval: dict[str, tuple[float, float]]
+    share_right: float
+    n_read: int
+    loop: dict[str, Any]
+
+
+def examine_view(
+    data: PoseImageSet,
+    learn: Indices,
+    test: Indices,
+    groups: NDArray[np.integer] | None = None,
+    *,
+    seed: int = 0,
+    n_jobs: int | None = -1,
+    progress: ProgressBar = no_progress,
+) -> ViewFindings | None:
+    """What a keyframe of the images learned from reaches on the others; None if none fits.
+
+    Parameters
+    ----------
+    data : PoseImageSet
+    learn, test : ndarray
+        Images that are independent of each other.
+    groups : ndarray of shape (n_images,), optional
+        Images that belong together.
+    seed : int
+        Of the rehearsed starts.
+    n_jobs : int, optional
+        Processes, as joblib counts them; every number of them gives the same.
+    progress : ProgressBar
+    """
+    if len(learn) < LEAST_IMAGES or len(test) < _LEAST_READ:
+        return None
+    fitted, read = evenly_spread(learn, MOST_FITTED), evenly_spread(test, MOST_READ)
+    with progress("keyframe", 2) as advance:
+        try:
+            ((keyframe, readings),) = in_processes(_fit_and_read, [(data, fitted, read)], 1)
+        except InvalidInputError:
+            return None
+        advance(1)
+        right = read_right(np.abs(readings.errors) * mask_of(data.dofs), data.ranges())
+        if right.mean() < LEAST_RIGHT:
+            return None
+        truth = data.delta_p()[read]
+        try:
+            model = KeyframeModel.of_readings(keyframe, data, data.subset(fitted), readings, truth)
+        except ServoscopeError:
+            return None
+        errors = readings.errors[right] * DISPLAY_FACTORS
+        of_group = None if groups is None else groups[read][right]
+        if of_group is not None and len(np.unique(of_group)) < 2:
+            of_group = None
+        interval = rms_interval(errors, of_group)
+        limit = keyframe.limit().std * DISPLAY_FACTORS
+        advance(2)
+    loop = _rehearsed(model, seed, n_jobs, progress)
+    indices = [DOFS.index(dof) for dof in data.dofs]
+    rms = np.sqrt(np.mean(errors**2, axis=0))
+    return ViewFindings(
+        model,
+        {DOFS[i]: float(limit[i]) for i in indices},
+        {DOFS[i]: float(rms[i]) for i in indices},
+        {DOFS[i]: (float(interval[0, i]), float(interval[1, i])) for i in indices},
+        float(right.mean()),
+        len(read),
+        loop,
+    )
+
+
+def _fit_and_read(data: PoseImageSet, fitted: Indices, read: Indices) -> tuple[Keyframe, Readings]:
+    keyframe = Keyframe.fit(
+        data.images[fitted],
+        data.T_world_cam[fitted],
+        data.reference_image,
+        data.T_world_ref,
+        **keyframe_options(data),
+    )
+    readings = Readings.of(
+        keyframe, data.images[read], data.T_world_cam[read], data.T_world_ref, recogniser
+    )
+    return keyframe, readings
+
+
+def _rehearsed(
+    model: KeyframeModel, seed: int, n_jobs: int | None, progress: ProgressBar
+) -> dict[str, Any]:
+    """How the loop would end, on images rendered of the keyframe."""
+    found = Rehearsal(model, STARTS, seed).run(
+        "range_1.0", n_jobs=-1 if n_jobs is None else n_jobs, progress=progress
+    )
+    return {
+        "success": found["success"] / found["trials"],
+        "success_interval": found["success_interval"],
+        "moves": found["moves_median"],
+        "starts": found["trials"],
+        "end_mm": found["final_mm_median"],
+        "end_deg": found["final_deg_median"],
+        "end_rms": found["end_rms"],
+    }
