@@ -15,8 +15,9 @@ FILES = sorted(SOURCE.rglob("*.py"))
 # From left to right: a module imports from rooms to its left, or from its own.
 ROOMS = (
     ("errors", "wording"),
+    ("files",),
     ("storage",),
-    ("files", "processes", "progress", "compiled", "arrays"),
+    ("processes", "progress", "compiled", "arrays", "plugins"),
     ("poses",),
     ("dataset_progress",),
     ("dataset_folder",),
@@ -32,6 +33,7 @@ ROOMS = (
     ("selection",),
     ("regression",),
     ("keyframe",),
+    ("pipeline",),
     ("acquisition_until",),
     ("positioning",),
     ("assessment",),

@@ -66,9 +66,9 @@ def train(
     from servoscope.commands.progress import progress_bar
     from servoscope.dataset import PoseImageSet
     from servoscope.positioning.decision import decision_text
-    from servoscope.positioning.model_folder import check_free
     from servoscope.positioning.training import N_STAGES
     from servoscope.positioning.training import train as train_model
+    from servoscope.storage.model_folder import check_free
 
     processes = n_jobs(jobs)
     check_free(out, force=force)

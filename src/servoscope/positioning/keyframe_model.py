@@ -18,7 +18,6 @@ from servoscope.poses import DISPLAY_FACTORS, DOFS, inverse_transform
 from servoscope.positioning.calibration import Calibration
 from servoscope.positioning.first_guess import FirstGuess
 from servoscope.positioning.interfaces import Array, Estimate, Image
-from servoscope.positioning.model_folder import Folder, write_model
 from servoscope.positioning.recognition import (
     LEAST_SIMILARITY,
     Recognition,
@@ -28,6 +27,7 @@ from servoscope.positioning.recognition import (
     recogniser,
 )
 from servoscope.splits import independent_groups
+from servoscope.storage.model_folder import Folder, write_model
 
 KIND = "keyframe"
 """What ``model.json`` calls a model of this kind."""

@@ -66,7 +66,7 @@ class Scoreboard:
             ``results[scene][condition][method]`` of `summarise`, ``targets``, and how it was made.
         """
         inputs = {"plan": asdict(self.plan), "servoscope": __version__}
-        for scene, robot in product(SCENES, ROBOTS):
+        for scene, robot in product(SCENES, ROBOTS.built_in):
             conditions = [c for c in self.plan.conditions if CONDITIONS[c].robot == robot]
             if not conditions:
                 continue
