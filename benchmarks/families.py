@@ -21,8 +21,8 @@ import servoscope as sv
 from benchmarks.family_features import PUBLISHED, FamilySamples, compute_families
 from benchmarks.family_figure import draw_errors
 from benchmarks.tables import Findings, as_markdown
-from servoscope.assessment.families import FAMILIES
 from servoscope.data.independence import split_data
+from servoscope.features.catalogue import FAMILIES
 from servoscope.positioning.disturbances import SINGLE_DISTURBANCES
 from servoscope.processes import one_blas_thread
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 import servoscope as sv
-from servoscope.assessment.families import FAMILIES
 from servoscope.data.splits import Split
+from servoscope.features.catalogue import FAMILIES
 from servoscope.features.image_transformer import ImageTransformer
 from servoscope.positioning.disturbances import SINGLE_DISTURBANCES, Disturbances
 from servoscope.study.feature_tables import lfa_window

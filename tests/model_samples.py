@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from servoscope.errors import ModelError
-from servoscope.positioning.model_folder import read_model
+from servoscope.storage.model_folder import read_model
 
 HEADER = {"image_size": 64, "reach": [0.025, 1e-300, -0.1], "trained_on": {"part": "µ"}, "x": None}
 CONTENT = {

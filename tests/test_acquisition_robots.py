@@ -51,7 +51,7 @@ class Crane:
 @pytest.fixture
 def crane(monkeypatch: pytest.MonkeyPatch) -> AcquisitionConfig:
     """A config with a robot that one line has made known."""
-    monkeypatch.setitem(ROBOTS, "crane", Crane)
+    monkeypatch.setitem(ROBOTS.built_in, "crane", Crane)
     return AcquisitionConfig(schedule=((30, 1.0), (30, 0.2)), robot="crane", **SETTINGS)
 
 

@@ -37,6 +37,10 @@ class ModelError(ServoscopeError, ValueError):
     """A trained model is missing, damaged, not to be trusted, or of a newer version."""
 
 
+class PluginError(ServoscopeError):
+    """An installed package adds something that cannot be used."""
+
+
 class RobotFaultError(ServoscopeError):
     """A robot cannot or will not do what it was asked to."""
 

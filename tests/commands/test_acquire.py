@@ -63,7 +63,9 @@ def test_poses_that_were_replaced_are_told(
                 raise RobotFaultError("not yet")
             super().move_to(pose)
 
-    monkeypatch.setitem(ROBOTS, "arm", lambda scene, T, _, rng: Reluctant(scene, T, rng=rng))
+    monkeypatch.setitem(
+        ROBOTS.built_in, "arm", lambda scene, T, _, rng: Reluctant(scene, T, rng=rng)
+    )
     assert main(["acquire", "out", "--n-images", "3", "--robot", "arm", *SMALL]) == 0
     assert "arm, 2 poses out of reach drawn anew" in capsys.readouterr().out
 

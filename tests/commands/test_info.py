@@ -12,8 +12,8 @@ from servoscope.commands.accuracy import observability
 from servoscope.commands.output import print_facts
 from servoscope.poses import DISPLAY_FACTORS, DOFS
 from servoscope.positioning import KeyframeModel
-from servoscope.positioning.model_folder import write_model
 from servoscope.report.figures.keyframe import plot_shares
+from servoscope.storage.model_folder import write_model
 
 HEADER = {
     "trained_on": {"images": 1800, "part": "cylinder_head", "note": "evil\x1b[2J\nnote"},

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from model_samples import CONTENT, HEADER, assert_as_written
 from servoscope.errors import ModelError
-from servoscope.positioning.model_folder import ARRAYS, MODEL, read_model, write_model
+from servoscope.storage.model_folder import ARRAYS, MODEL, read_model, write_model
 
 
 @pytest.fixture

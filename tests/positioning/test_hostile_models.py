@@ -10,8 +10,8 @@ import pytest
 
 from model_samples import CONTENT, HEADER, assert_as_written, assert_refused
 from servoscope.errors import ModelError
-from servoscope.positioning import model_folder
-from servoscope.positioning.model_folder import ARRAYS, MODEL, is_model, read_model, write_model
+from servoscope.storage import model_folder
+from servoscope.storage.model_folder import ARRAYS, MODEL, is_model, read_model, write_model
 
 
 @pytest.fixture

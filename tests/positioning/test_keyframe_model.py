@@ -14,7 +14,7 @@ from servoscope.poses import displacements_from_poses, pose_error
 from servoscope.positioning import KeyframeModel, Positioner, PositioningModel, train
 from servoscope.positioning.disturbances import Disturbances
 from servoscope.positioning.keyframe_model import NOT_SEEN, error_shares
-from servoscope.positioning.model_folder import read_model, write_model
+from servoscope.storage.model_folder import read_model, write_model
 
 N_IMAGES = 30
 

@@ -11,7 +11,7 @@ from servoscope.poses import displacements_from_poses
 from servoscope.positioning.disturbances import Disturbances
 from servoscope.positioning.interfaces import Estimate
 from servoscope.positioning.model import PositioningModel
-from servoscope.positioning.model_folder import read_model, write_model
+from servoscope.storage.model_folder import read_model, write_model
 
 TOLD = ("displacement", "std", "novelty", "stage", "is_finest", "level")
 

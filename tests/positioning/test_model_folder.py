@@ -9,8 +9,8 @@ import pytest
 from model_samples import CONTENT, HEADER, assert_as_written
 from servoscope import __version__
 from servoscope.errors import FolderExistsError, InvalidInputError, ModelError, ServoscopeError
-from servoscope.positioning import model_folder
-from servoscope.positioning.model_folder import (
+from servoscope.storage import model_folder
+from servoscope.storage.model_folder import (
     ARRAYS,
     MODEL,
     VERSION,

@@ -12,8 +12,8 @@ from planar_model import RANGES, RINGS, camera_data, camera_model
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.poses import DOFS, poses_from_displacements
-from servoscope.positioning.model_folder import ARRAYS, MODEL
 from servoscope.positioning.training import N_STAGES, check_observable, train, within_range
+from servoscope.storage.model_folder import ARRAYS, MODEL
 
 
 def subset(data: PoseImageSet, chosen) -> PoseImageSet:

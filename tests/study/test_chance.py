@@ -8,7 +8,7 @@ from planar import planar_data_set
 from servoscope.poses import DOFS
 from servoscope.study.assessment import assess_features
 from servoscope.study.chance import measure_chance
-from servoscope.study.feature_tables import FeatureTable
+from servoscope.study.feature_tables import study_table
 from servoscope.study.run import in_order_of_time
 
 N_FEATURES = 20
@@ -16,7 +16,7 @@ NAMES = tuple(f"e_{i:02d}" for i in range(N_FEATURES))
 
 
 def chance_of(values, targets, **options):
-    table, samples = FeatureTable(values, NAMES), np.arange(len(values))
+    table, samples = study_table(values, NAMES), np.arange(len(values))
     assessment = assess_features(table, targets, samples)
     return assessment, measure_chance(assessment, table, targets, samples, **options)
 

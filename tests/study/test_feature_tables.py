@@ -2,8 +2,10 @@ import numpy as np
 import pytest
 
 from servoscope.features import GeometricMoments, compute_image_basis
+from servoscope.pipeline import FeatureTable
 from servoscope.poses import DOFS
-from servoscope.study.feature_tables import FeatureTable, compute_feature_table
+from servoscope.study.feature_tables import CANDIDATES, compute_feature_table
+from servoscope.study.paper import RECIPES
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +22,7 @@ def names(table, columns) -> list[str]:
 
 @pytest.mark.parametrize("dof", DOFS)
 def test_nets_take_24_moments_24_eigenfeatures_6_pci_and_12_lfa_features(table, dof):
-    taken = {f: names(table, table.family(f, dof)) for f in ("gm", "pca", "pci", "lfa35", "lfa85")}
+    taken = {f: names(table, table.columns(recipe.for_dof(dof))) for f, recipe in RECIPES.items()}
     assert len(set(taken["gm"])) == 24
     assert {name.split("_")[1] for name in taken["gm"]} == {"50", "100", "150"}
     assert taken["pca"] == [f"e_{i:02d}" for i in range(24)]
@@ -30,7 +32,7 @@ def test_nets_take_24_moments_24_eigenfeatures_6_pci_and_12_lfa_features(table, 
 
 
 def test_selection_chooses_from_24_moments_35_eigenfeatures_and_6_pci_features(table):
-    candidates = names(table, table.candidates)
+    candidates = names(table, table.columns(CANDIDATES))
     assert len(candidates) == 24 + 35 + 6
     assert [name for name in candidates if name.startswith("e_")] == [
         f"e_{i:02d}" for i in range(35)

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from servoscope.data.splits import split_images
+from servoscope.pipeline import Fitted
 from servoscope.poses import DOFS
 from servoscope.selection import ThresholdSubset
 from servoscope.study import StudyConfig
-from servoscope.study.feature_tables import FeatureTable
-from servoscope.study.networks import StudyNets, TrainedNet, train_study_nets
+from servoscope.study.feature_tables import study_table
+from servoscope.study.networks import StudyNets, train_study_nets
 from servoscope.study.paper import FAMILIES
 
 CONFIG = StudyConfig(hidden=1, restarts=1)
@@ -28,7 +29,7 @@ def samples():
     """Features and targets that have a little to do with each other."""
     rng = np.random.default_rng(0)
     X = rng.normal(size=(60, len(NAMES)))
-    return FeatureTable(X, NAMES), np.tanh(X[:, :6]) + 0.3 * rng.normal(size=(60, 6))
+    return study_table(X, NAMES), np.tanh(X[:, :6]) + 0.3 * rng.normal(size=(60, 6))
 
 
 def train(samples, subsets, config=CONFIG) -> StudyNets:
@@ -41,18 +42,18 @@ def nets(samples) -> StudyNets:
     return train(samples, [PAIR, SINGLE])
 
 
-def by_dof(nets) -> list[tuple[str, TrainedNet]]:
+def by_dof(nets) -> list[tuple[str, Fitted]]:
     """Every net with its dof, those of the families first."""
     families = [(dof, nets.families[family][dof]) for family in FAMILIES for dof in DOFS]
     return families + [(dof, point.trained) for dof in DOFS for point in nets.sweeps[dof]]
 
 
 def seeds(nets) -> list[int]:
-    return [trained.net.random_state for _, trained in by_dof(nets)]
+    return [trained.regressor.random_state for _, trained in by_dof(nets)]
 
 
-def assert_same_net(a: TrainedNet, b: TrainedNet) -> None:
-    assert a.net.random_state == b.net.random_state
+def assert_same_net(a: Fitted, b: Fitted) -> None:
+    assert a.regressor.random_state == b.regressor.random_state
     np.testing.assert_array_equal(a.columns, b.columns)
     assert (a.validation_rms, a.test_rms) == (b.validation_rms, b.test_rms)
 
@@ -62,7 +63,7 @@ def test_errors_are_those_of_the_images_that_decide_and_of_those_that_test(sampl
     table, targets = samples
     rows = getattr(SPLIT, part)
     for dof, trained in by_dof(nets):
-        error = trained.net.predict(table.values[rows][:, trained.columns])
+        error = trained.regressor.predict(table.values[rows][:, trained.columns])
         error -= targets[rows, DOFS.index(dof)]
         expected = np.linalg.norm(error) / np.sqrt(len(rows))
         assert getattr(trained, f"{part}_rms") == pytest.approx(expected, rel=1e-12)

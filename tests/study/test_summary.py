@@ -2,12 +2,13 @@ import numpy as np
 import pytest
 
 from servoscope.data.splits import split_images
+from servoscope.pipeline import Fitted, Recipe
 from servoscope.poses import DOFS
 from servoscope.regression import LMRegressor
 from servoscope.selection import ThresholdSubset
 from servoscope.study.assessment import assess_features
-from servoscope.study.feature_tables import FeatureTable
-from servoscope.study.networks import StudyNets, SweepPoint, TrainedNet
+from servoscope.study.feature_tables import study_table
+from servoscope.study.networks import StudyNets, SweepPoint
 from servoscope.study.paper import FAMILIES
 from servoscope.study.summary import choose_best, summarise
 
@@ -15,8 +16,8 @@ RANGES = np.array([0.025] * 3 + [np.radians(15)] * 3)
 NAMES = ("m00_50", "x_50", "y_50", "e_00")
 
 
-def trained(validation_rms: float, test_rms: float) -> TrainedNet:
-    return TrainedNet(np.array([0]), LMRegressor(), validation_rms, test_rms)
+def trained(validation_rms: float, test_rms: float) -> Fitted:
+    return Fitted(Recipe(), "tx", np.array([0]), LMRegressor(), validation_rms, test_rms)
 
 
 def sweep(*errors: tuple[float, float]) -> list[SweepPoint]:
@@ -35,7 +36,7 @@ SWEEP = sweep((0.30, 0.10), (0.20, 0.40), (0.25, 0.50))
 def summary_of(validation: np.ndarray, test: np.ndarray) -> dict:
     """The summary of nets with the given errors, an array of family by dof each."""
     rng = np.random.default_rng(0)
-    table = FeatureTable(rng.normal(size=(40, len(NAMES))), NAMES)
+    table = study_table(rng.normal(size=(40, len(NAMES))), NAMES)
     targets = rng.uniform(-1, 1, (40, 6))
     split = split_images(40)
     families = {

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.assessment.models import PoseModels
+from servoscope.pipeline import PosePipeline
 from servoscope.poses import DOFS
 from servoscope.positioning.disturbances import SINGLE_DISTURBANCES, Disturbances
+from servoscope.processes import one_blas_thread
 
 Array = NDArray[np.float64]
 
@@ -24,13 +25,13 @@ TITLES = {
 
 
 def disturbed_errors(
-    models: PoseModels, images: NDArray[np.uint8], targets: Array, seed: int = 0
+    pipeline: PosePipeline, images: NDArray[np.uint8], targets: Array, seed: int = 0
 ) -> dict[str, dict[str, float]]:
     """RMS error under each of `SINGLE_DISTURBANCES`, and under none, as ``clean``.
 
     Parameters
     ----------
-    models : PoseModels
+    pipeline : PosePipeline
     images : ndarray of shape (n, height, width), uint8
         Not learned from.
     targets : ndarray of shape (n, 6)
@@ -46,21 +47,21 @@ def disturbed_errors(
     conditions: dict[str, Disturbances | None] = {"clean": None, **SINGLE_DISTURBANCES}
     errors: dict[str, dict[str, float]] = {}
     for name, disturbance in conditions.items():
-        told = models.predict(_disturbed(images, disturbance, seed))
+        predicted = _predict(pipeline, _disturbed(images, disturbance, seed))
         errors[name] = {
-            dof: _rms(values - targets[:, DOFS.index(dof)]) for dof, values in told.items()
+            dof: _rms(values - targets[:, DOFS.index(dof)]) for dof, values in predicted.items()
         }
     return errors
 
 
 def noise_errors(
-    models: PoseModels, images: NDArray[np.uint8], sigma: float, seed: int = 0
+    pipeline: PosePipeline, images: NDArray[np.uint8], sigma: float, seed: int = 0
 ) -> dict[str, float]:
-    """RMS change of what is told when as much noise again is added to images as they have.
+    """RMS change of the prediction when as much noise again is added to images as they have.
 
     Parameters
     ----------
-    models : PoseModels
+    pipeline : PosePipeline
     images : ndarray of shape (n, height, width), uint8
     sigma : float
         Standard deviation of the noise, [grey].
@@ -71,10 +72,17 @@ def noise_errors(
         By dof, in units of the range.
     """
     if sigma <= 0:
-        return dict.fromkeys(models.dofs, 0.0)
+        return dict.fromkeys(pipeline.dofs, 0.0)
     noisy = _disturbed(images, Disturbances.only(noise=min(sigma, 255.0)), seed)
-    before, after = models.predict(images), models.predict(noisy)
-    return {dof: _rms(after[dof] - before[dof]) for dof in models.dofs}
+    before, after = _predict(pipeline, images), _predict(pipeline, noisy)
+    return {dof: _rms(after[dof] - before[dof]) for dof in pipeline.dofs}
+
+
+def _predict(pipeline: PosePipeline, images: NDArray[np.uint8]) -> dict[str, Array]:
+    """Displacements by dof, in units of the range."""
+    with one_blas_thread():
+        predicted = pipeline.predict(images) / pipeline.ranges_
+    return dict(zip(pipeline.dofs, predicted.T, strict=True))
 
 
 def _disturbed(

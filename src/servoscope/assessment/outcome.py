@@ -7,13 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.assessment.candidates import Candidate
 from servoscope.assessment.image_facts import ImageFacts
-from servoscope.assessment.models import DofModel
 from servoscope.data.images import PoseImageSet
 from servoscope.data.independence import IndependentGroups
 from servoscope.data.splits import Split
-from servoscope.regression import RegressorScore
+from servoscope.pipeline import Candidate, Fitted, PosePipeline
 from servoscope.selection import Forecast, LearningCurve
 
 Array = NDArray[np.float64]
@@ -34,8 +32,12 @@ class Assessment:
         The candidate that tells each dof best, for those that move in the images learned from.
     forecasts : dict of Forecast
         By dof, on the chosen features.
-    trained : dict
-        By candidate and dof.
+    fitted : dict of Fitted
+        By dof, on the chosen features.
+    pipeline : PosePipeline or None
+        Of the chosen recipes; None where nothing moves.
+    best_features : dict of tuple of str
+        By dof, the features that count most, the first most of all.
     curves : dict of LearningCurve
         By dof, on the chosen features.
     noise : dict
@@ -43,11 +45,11 @@ class Assessment:
     disturbed : dict
         RMS test error by disturbance and dof.
     without_border : dict
-        Forecasts by candidate from the middle of the view; None where it is too small.
+        Forecasts by dof from the middle of the view; None where it is too small.
     at_random : dict or None
         Forecasts by dof, as of the candidates, that take dependent images for independent ones.
-    regressors, regressors_on_moments : list of RegressorScore
-        On the chosen features, and on the paper's.
+    regressors, regressors_on_moments : list of Fitted
+        Other regressors on the chosen features, and on the paper's; none unless asked for.
     """
 
     data: PoseImageSet = field(repr=False)
@@ -57,14 +59,16 @@ class Assessment:
     candidates: dict[str, Candidate] = field(repr=False)
     choice: dict[str, str]
     forecasts: dict[str, Forecast] = field(repr=False)
-    trained: dict[str, dict[str, DofModel]] = field(repr=False)
+    fitted: dict[str, Fitted] = field(repr=False)
+    pipeline: PosePipeline | None = field(repr=False)
+    best_features: dict[str, tuple[str, ...]]
     curves: dict[str, LearningCurve] = field(repr=False)
     noise: dict[str, float]
     disturbed: dict[str, dict[str, float]]
-    without_border: dict[str, Array | None] = field(repr=False)
+    without_border: dict[str, float | None] = field(repr=False)
     at_random: dict[str, float] | None
-    regressors: list[RegressorScore] = field(repr=False)
-    regressors_on_moments: list[RegressorScore] = field(repr=False)
+    regressors: list[Fitted] = field(repr=False)
+    regressors_on_moments: list[Fitted] = field(repr=False)
 
     @property
     def learned_targets(self) -> Array:

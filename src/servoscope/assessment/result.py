@@ -11,13 +11,14 @@ import numpy as np
 from servoscope.assessment.advice import Findings, advise
 from servoscope.assessment.budget import share_out
 from servoscope.assessment.disturbed import TITLES
-from servoscope.assessment.families import title_of
 from servoscope.assessment.outcome import Assessment
 from servoscope.assessment.verdict import CONSTANT, STILL, conclude, grade, name_limit
 from servoscope.assessment.what_if import inner_rms
+from servoscope.features.catalogue import title_of
+from servoscope.pipeline import Fitted
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
-from servoscope.regression import RegressorScore
 from servoscope.selection import LearningCurve
+from servoscope.selection.rms_interval import rms_interval
 
 TIMES = (1, 2, 5, 10)
 """Numbers of images, in those there are, at which the learning curve is told."""
@@ -95,6 +96,7 @@ def _still(dof: str, wished: float | None) -> dict[str, Any]:
         "forecast_rms": None,
         "interval": None,
         "reached_rms": None,
+        "reached_interval": None,
         "unit": DISPLAY_UNITS[DOFS.index(dof)],
         "limited_by": STILL,
         "best_features": [],
@@ -109,9 +111,9 @@ def _decide(
     found: Assessment, dof: str, scale: float, wished: float | None, label_error: float | None
 ) -> dict[str, Any]:
     i, name = DOFS.index(dof), found.choice[dof]
-    forecast, model, curve = found.forecasts[dof], found.trained[name][dof], found.curves[dof]
+    forecast, fitted, curve = found.forecasts[dof], found.fitted[dof], found.curves[dof]
     rms, baseline = float(forecast.rms[0]), float(forecast.baseline[0])
-    left = _share_left(found, rms, model.rms, baseline)
+    left = _share_left(found, rms, fitted.test_rms, baseline)
     told = grade(left)
     images = {times: rms * _falls_to(curve, times) for times in TIMES}
     budget = share_out(
@@ -125,12 +127,13 @@ def _decide(
     return {
         "forecast_rms": rms * scale,
         "interval": (forecast.interval[:, 0] * scale).tolist(),
-        "reached_rms": model.rms * scale,
+        "reached_rms": fitted.test_rms * scale,
+        "reached_interval": _reached_interval(found, dof, scale),
         "unit": DISPLAY_UNITS[i],
         "limited_by": CONSTANT
         if not found.images.change
         else name_limit(told, budget, found.images.repetition),
-        "best_features": list(model.best_features),
+        "best_features": list(found.best_features[dof]),
         "advice": advise(findings)
         if found.images.change
         else ["nothing can be learned: every image is the same; check camera and exposure"],
@@ -140,7 +143,7 @@ def _decide(
         "met": None if wished is None else findings.is_met,
         "family": title_of(name),
         "baseline_rms": baseline * scale,
-        "coverage_95": model.covered,
+        "coverage_95": fitted.coverage,
         "information_alone": float(forecast.entropy_power.joint[0]) * scale,
         "budget": asdict(budget),
         "learning_curve": {
@@ -148,6 +151,14 @@ def _decide(
             "rms": [images[times] * scale for times in TIMES],
         },
     }
+
+
+def _reached_interval(found: Assessment, dof: str, scale: float) -> list[float]:
+    """90 % interval of the error on test images, of which there are only so many groups."""
+    groups = found.independence.labels[found.split.test]
+    errors = found.fitted[dof].errors[:, None]
+    several = len(np.unique(groups)) > 1
+    return [float(end) * scale for end in rms_interval(errors, groups if several else None)[:, 0]]
 
 
 def _find(
@@ -160,13 +171,15 @@ def _find(
 ) -> Findings:
     i, name = DOFS.index(dof), found.choice[dof]
     forecast, curve, candidate = found.forecasts[dof], found.curves[dof], found.candidates[name]
-    narrower, repetition = found.without_border.get(name), found.images.repetition
-    level = _ratio(images[1], float(candidate.forecast.rms[i]))  # of full effort over a glance
+    narrower, repetition = found.without_border.get(dof), found.images.repetition
+    level = _ratio(
+        images[1], float(candidate.forecasts[dof].rms[0])
+    )  # of full effort over a glance
     on_curve = _ratio(float(curve.rms_at(curve.n_images[-1]).rms[0]), images[1])
     return Findings(
         unit=DISPLAY_UNITS[i],
         rms=images[1] * scale,
-        reached=found.trained[name][dof].rms * scale,
+        reached=found.fitted[dof].test_rms * scale,
         baseline=float(forecast.baseline[0]) * scale,
         wished=wished,
         n_images=int(curve.n_images[-1]),
@@ -174,14 +187,14 @@ def _find(
         share_left=share_left,
         family=title_of(name),
         others={
-            title_of(other): float(one.forecast.rms[i]) * scale
+            title_of(other): float(one.forecasts[dof].rms[0]) * scale
             for other, one in found.candidates.items()
             if other == "moments" and other != name
         },
         at_twice=images[2] * scale,
         at_five_times=images[5] * scale,
         images_for_wish=None if wished is None else curve.images_for(on_curve * wished / scale)[0],
-        without_border=None if narrower is None else level * float(narrower[i]) * scale,
+        without_border=None if narrower is None else level * narrower * scale,
         inner=_scaled(inner_rms(forecast.residuals[:, 0], found.learned_targets[:, i]), scale),
         period_px=float(np.hypot(*repetition.shift)) if repetition.repeats else None,
         at_random=None if found.at_random is None else level * found.at_random[dof] * scale,
@@ -223,23 +236,23 @@ def _best_regressor(found: Assessment, dof: str, rms: float) -> float:
     The least of several errors on few images is a little less by chance alone: it counts from
     `LEAST_TESTED` images on, and if it is clearly less.
     """
-    reached = {one.regressor: one.test_rms for one in found.regressors if one.dof == dof}
+    reached = {one.recipe.regressor: one.test_rms for one in found.regressors if one.dof == dof}
+    if not reached:
+        return rms
     share = _ratio(min(reached.values()), reached["gaussian_process"])
     is_clear = len(found.split.test) >= LEAST_TESTED and share <= CLEARLY_LESS
     return rms * share if is_clear else rms
 
 
-def _regressors(
-    compared: Sequence[RegressorScore], scale: Mapping[str, float]
-) -> list[dict[str, Any]]:
+def _regressors(compared: Sequence[Fitted], scale: Mapping[str, float]) -> list[dict[str, Any]]:
     rows = []
-    for name in dict.fromkeys(one.regressor for one in compared):
-        scores = [one for one in compared if one.regressor == name]
+    for name in dict.fromkeys(one.recipe.regressor for one in compared):
+        scores = [one for one in compared if one.recipe.regressor == name]
         rows.append(
             {
                 "regressor": name,
                 "rms": {one.dof: one.test_rms * scale[one.dof] for one in scores},
-                "seconds": sum(one.fit_seconds for one in scores),
+                "seconds": sum(one.seconds for one in scores),
                 "coverage_95": float(np.mean([one.coverage for one in scores])),
             }
         )
@@ -264,16 +277,17 @@ def _images(found: Assessment) -> dict[str, Any]:
 
 def _family(found: Assessment, name: str, scale: Mapping[str, float]) -> dict[str, Any]:
     candidate = found.candidates[name]
-    forecast = candidate.forecast
     return {
         "title": title_of(name),
-        "n_features": len(candidate.features.names),
+        "n_features": candidate.n_features,
         "dofs": {
             dof: {
-                "forecast_rms": float(forecast.rms[DOFS.index(dof)]) * scale[dof],
-                "interval": (forecast.interval[:, DOFS.index(dof)] * scale[dof]).tolist(),
-                "reached_rms": model.rms * scale[dof],
+                "forecast_rms": float(forecast.rms[0]) * scale[dof],
+                "interval": (forecast.interval[:, 0] * scale[dof]).tolist(),
+                "reached_rms": found.fitted[dof].test_rms * scale[dof]
+                if found.choice[dof] == name
+                else None,
             }
-            for dof, model in found.trained[name].items()
+            for dof, forecast in candidate.forecasts.items()
         },
     }

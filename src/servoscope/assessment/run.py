@@ -3,26 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.assessment.candidates import (
-    Candidate,
-    choose_families,
-    forecast_candidates,
-    join_candidates,
-    own_groups,
-    refine_forecasts,
-)
 from servoscope.assessment.disturbed import disturbed_errors, noise_errors
-from servoscope.assessment.families import FAMILIES, choose_tried, compute_families
-from servoscope.assessment.image_facts import ImageFacts, describe_images
-from servoscope.assessment.models import DofModel, join_models, train_models
+from servoscope.assessment.image_facts import describe_images
 from servoscope.assessment.outcome import Assessment
-from servoscope.assessment.what_if import forecast_without_border
+from servoscope.assessment.what_if import crop_centre
 from servoscope.data.images import PoseImageSet
 from servoscope.data.independence import (
     IndependentGroups,
@@ -31,9 +22,23 @@ from servoscope.data.independence import (
     split_groups,
 )
 from servoscope.data.splits import Split
+from servoscope.errors import InvalidInputError
+from servoscope.features.catalogue import default_families, resolve_families
+from servoscope.pipeline import (
+    Candidate,
+    FeatureTable,
+    Fitted,
+    PosePipeline,
+    Recipe,
+    choose,
+    fit_all,
+    forecast_all,
+)
+from servoscope.pipeline.forecasts import QUICK, THOROUGH
 from servoscope.poses import DOFS
 from servoscope.progress import ProgressBar, no_progress
-from servoscope.regression import REGRESSORS, RegressorScore, compare_regressors
+from servoscope.regression import REGRESSORS
+from servoscope.regression.registry import make_regressor
 from servoscope.selection import Forecast, LearningCurve, learning_curve
 
 Array = NDArray[np.float64]
@@ -41,28 +46,46 @@ Array = NDArray[np.float64]
 COMPARED = ("gaussian_process", "kernel_ridge", "levenberg_marquardt", "lbfgs")
 """The regressors that are quick enough on hundreds of features."""
 
+MIXES = (
+    "moments+eigenfeatures+pose_covariance",
+    "moments+projections+log_polar+gradient+intensity",
+)
+"""Families that are tried together: the paper's, and those that need no fitting."""
+
+N_FOLDS = 5
+"""Parts of the images without which learned features are fitted anew, for their forecast."""
+
+Choice = dict[str, str]
+"""The candidate that is chosen for each dof that moves."""
+
 
 def assess(
     data: PoseImageSet,
     *,
-    families: Sequence[str] = tuple(FAMILIES),
+    families: Sequence[Any] | None = None,
+    regressor: Any = "gaussian_process",
     seed: int = 0,
+    compare: bool = False,
     n_jobs: int | None = -1,
     progress: ProgressBar = no_progress,
 ) -> Assessment:
     """Assess a data set.
 
-    Features of every family are forecast, trained on and tested; the rest looks closer at those
-    that are forecast to tell each dof best. No features are chosen on the test images; but how well
-    a dof is told, what disturbs it and what another regressor would do is measured on them.
+    What every family of features will reach is forecast; the best for each degree of freedom are
+    trained on and tested. No features are chosen on the test images.
 
     Parameters
     ----------
     data : PoseImageSet
-    families : sequence of str
-        The families of features to try, of `FAMILIES`; all of them by default.
+    families : sequence of str or transformer, optional
+        The families of features to try: names of `servoscope.features.catalogue`, or objects with
+        ``fit(images, displacements)`` and ``transform(images)``. All the default ones by default.
+    regressor : str or estimator
+        What is trained on the chosen features: a name in `servoscope.regression.REGRESSORS`.
     seed : int
         Seed of the split and of the disturbances.
+    compare : bool
+        Whether other regressors are trained too.
     n_jobs : int, optional
         Processes, as joblib counts them; every number of them gives the same.
     progress : ProgressBar
@@ -72,8 +95,10 @@ def assess(
     InvalidInputError
         If a family is unknown, there are fewer than 60 images, or too few are left to learn from.
     """
-    families = choose_tried(",".join(families))
-    return _Course(data, tuple(families), seed, n_jobs, progress).run()
+    tried = default_families() if families is None else list(families)
+    resolve_families(tried)
+    make_regressor(regressor)
+    return _Course(data, tuple(tried), regressor, seed, compare, n_jobs, progress).run()
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +106,10 @@ class _Course:
     """The steps of an assessment, and what they share."""
 
     data: PoseImageSet
-    families: tuple[str, ...]
+    families: tuple[Any, ...]
+    regressor: Any
     seed: int
+    compare: bool
     n_jobs: int | None
     progress: ProgressBar
 
@@ -95,12 +122,10 @@ class _Course:
         return split_groups(self.data, self.independence, self.seed)
 
     @cached_property
-    def learn(self) -> NDArray[np.intp]:
-        return self.split.learned
-
-    @cached_property
     def groups(self) -> NDArray[np.intp] | None:
-        return own_groups(self.independence.labels[self.learn])
+        """Images that belong together; None where each of those learned from is by itself."""
+        own = self.independence.labels[self.split.learned]
+        return None if len(np.unique(own)) == len(own) else self.independence.labels
 
     @cached_property
     def targets(self) -> Array:
@@ -109,18 +134,23 @@ class _Course:
         return np.where(moves, self.data.delta_p() / self.data.ranges(), 0.0)
 
     @cached_property
-    def moving(self) -> NDArray[np.bool_]:
-        """Whether each dof moves in the images that are learned from, shape (6,)."""
-        return np.asarray(np.ptp(self.targets[self.learn], axis=0) > 1e-9)
+    def moving(self) -> list[str]:
+        """The dofs that move in the images that are learned from."""
+        moved = np.ptp(self.targets[self.split.learned], axis=0) > 1e-9
+        return [dof for dof, moves in zip(DOFS, moved, strict=True) if moves]
 
     def run(self) -> Assessment:
         split = self.split
         images = describe_images(self.data)
-        candidates = self._forecast(images)
-        best = choose_families(candidates)
-        choice = {dof: best[dof] for dof, told in zip(DOFS, self.moving, strict=True) if told}
-        trained = self._train(candidates, choice)
-        noise, disturbed = self._disturb(trained, choice, images.noise)
+        is_hopeless = not (images.change and self.moving)
+        table = self._table(("moments",) if is_hopeless else self.families, self.data.images)
+        candidates = self._forecast(table)
+        choice = choose(candidates)
+        recipes = {dof: candidates[name].recipe for dof, name in choice.items()}
+        forecasts = self._forecasts(table, recipes)
+        fitted = self._train(table, [(r, dof) for dof, r in recipes.items()], "training")
+        pipeline = self._pipeline(table, fitted, forecasts)
+        noise, disturbed = self._disturb(pipeline, images.noise)
         return Assessment(
             self.data,
             split,
@@ -128,160 +158,180 @@ class _Course:
             images,
             candidates,
             choice,
-            self._refine(candidates, choice),
-            trained,
-            curves=self._learning_curves(candidates, choice),
+            forecasts,
+            dict(zip(recipes, fitted, strict=True)),
+            pipeline,
+            {dof: one.best_features(table) for dof, one in zip(recipes, fitted, strict=True)},
+            curves=self._learning_curves(table, recipes),
             noise=noise,
             disturbed=disturbed,
-            without_border=self._without_border(choice),
-            at_random=self._at_random(candidates, choice),
-            regressors=self._regressors(candidates, choice),
-            regressors_on_moments=self._regressors_on_moments(candidates, choice),
+            without_border=self._without_border(recipes),
+            at_random=self._at_random(table, recipes),
+            regressors=self._regressors(table, recipes, COMPARED),
+            regressors_on_moments=self._regressors(
+                table, dict.fromkeys(recipes, Recipe("moments")), tuple(REGRESSORS.built_in)
+            ),
         )
 
-    def _forecast(self, images: ImageFacts) -> dict[str, Candidate]:
-        is_hopeless = not (images.change and self.moving.any())
-        names = ["moments"] if is_hopeless else list(self.families)
-        with self.progress("features", len(names)) as advance:
-            found = compute_families(
-                self.data.images,
+    def _table(
+        self,
+        families: Sequence[Any],
+        images: NDArray[np.uint8],
+        groups: NDArray[np.intp] | None = None,
+        title: str = "features",
+    ) -> FeatureTable:
+        with self.progress(title, FeatureTable.n_steps(families, N_FOLDS)) as advance:
+            return FeatureTable.fit(
+                images,
                 self.targets,
-                self.learn,
-                names,
-                n_jobs=self.n_jobs,
-                on_progress=advance,
-            )
-        features = join_candidates(found)
-        with self.progress("forecasts", len(features)) as advance:
-            return forecast_candidates(
-                self.data.images,
-                self.targets,
-                self.learn,
-                self.independence.labels,
-                features,
+                families,
+                self.split.learned,
+                groups=self.groups if groups is None else groups,
+                n_folds=N_FOLDS,
                 n_jobs=self.n_jobs,
                 on_progress=advance,
             )
 
-    def _refine(
-        self, candidates: dict[str, Candidate], choice: dict[str, str]
-    ) -> dict[str, Forecast]:
-        with self.progress("best forecasts", len(choice)) as advance:
-            return refine_forecasts(
-                self.data.images[self.learn],
-                self.targets[self.learn],
-                self.groups,
-                {dof: candidates[name].features.of(self.learn) for dof, name in choice.items()},
+    def _forecast(self, table: FeatureTable) -> dict[str, Candidate]:
+        names = [*table.fitted, *(mix for mix in MIXES if table.has(mix))]
+        jobs = [(Recipe(name), dof) for name in names for dof in self.moving]
+        found = iter(self._forecast_all(table, self.groups, jobs, "forecasts", QUICK))
+        return {
+            name: Candidate(
+                Recipe(name, regressor=self.regressor),
+                len(table.columns(Recipe(name))),
+                {dof: next(found) for dof in self.moving},
+            )
+            for name in names
+        }
+
+    def _forecasts(self, table: FeatureTable, recipes: dict[str, Recipe]) -> dict[str, Forecast]:
+        jobs = [(recipe, dof) for dof, recipe in recipes.items()]
+        found = self._forecast_all(table, self.groups, jobs, "best forecasts", THOROUGH)
+        return dict(zip(recipes, found, strict=True))
+
+    def _forecast_all(
+        self,
+        table: FeatureTable,
+        groups: NDArray[np.intp] | None,
+        jobs: list[tuple[Recipe, str]],
+        title: str,
+        effort: dict[str, int],
+    ) -> list[Forecast]:
+        with self.progress(title, len(jobs)) as advance:
+            return forecast_all(
+                table,
+                self.targets,
+                groups,
+                jobs,
+                effort=effort,
                 n_jobs=self.n_jobs,
                 on_progress=advance,
             )
 
     def _train(
-        self, candidates: dict[str, Candidate], choice: dict[str, str]
-    ) -> dict[str, dict[str, DofModel]]:
-        features = {name: candidate.features for name, candidate in candidates.items()}
-        with self.progress("training", len(features) * len(choice)) as advance:
-            return train_models(
-                features,
+        self, table: FeatureTable, jobs: list[tuple[Recipe, str]], title: str
+    ) -> list[Fitted]:
+        with self.progress(title, len(jobs)) as advance:
+            return fit_all(
+                table,
                 self.targets,
                 self.split,
-                choice,
+                jobs,
+                seed=self.seed,
                 n_jobs=self.n_jobs,
                 on_progress=advance,
             )
 
+    def _pipeline(
+        self, table: FeatureTable, fitted: list[Fitted], forecasts: dict[str, Forecast]
+    ) -> PosePipeline | None:
+        """The pipeline of the choice, which remembers what was forecast for it and measured."""
+        if not fitted:
+            return None
+        ranges = self.data.ranges()[[DOFS.index(one.dof) for one in fitted]]
+        sample = self.data.images[self.split.learned[0]]
+        rms = {
+            dof: float(one.rms[0] * scale)
+            for (dof, one), scale in zip(forecasts.items(), ranges, strict=True)
+        }
+        return PosePipeline.from_fitted(
+            table, fitted, ranges, self.split, sample, forecast=rms, pivot=float(self.data.pivot)
+        )
+
     def _disturb(
-        self, trained: dict[str, dict[str, DofModel]], choice: dict[str, str], noise: float
+        self, pipeline: PosePipeline | None, noise: float
     ) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
+        if pipeline is None:
+            return {}, {}
         images, targets = self.data.images[self.split.test], self.targets[self.split.test]
         with self.progress("disturbances", 2) as advance:
-            models = join_models(
-                trained, choice, self.data.images[self.learn], self.targets[self.learn]
-            )
-            changes = noise_errors(models, images, noise, self.seed)
+            changes = noise_errors(pipeline, images, noise, self.seed)
             advance(1)
-            errors = disturbed_errors(models, images, targets, self.seed)
+            errors = disturbed_errors(pipeline, images, targets, self.seed)
             advance(2)
         return changes, errors
 
     def _learning_curves(
-        self, candidates: dict[str, Candidate], choice: dict[str, str]
+        self, table: FeatureTable, recipes: dict[str, Recipe]
     ) -> dict[str, LearningCurve]:
-        curves = {}
-        with self.progress("learning curves", len(choice)) as advance:
-            for n_done, (dof, name) in enumerate(choice.items(), start=1):
+        curves, learn = {}, table.learn
+        with self.progress("learning curves", len(recipes)) as advance:
+            for n_done, (dof, recipe) in enumerate(recipes.items(), start=1):
                 curves[dof] = learning_curve(
-                    candidates[name].features.values[self.learn],
-                    self.targets[self.learn, DOFS.index(dof)],
-                    groups=self.groups,
+                    table.values[np.ix_(learn, table.columns(recipe))],
+                    self.targets[learn, DOFS.index(dof)],
+                    groups=None if self.groups is None else self.groups[learn],
                     n_jobs=self.n_jobs,
+                    **QUICK,
                 )
                 advance(n_done)
         return curves
 
-    def _without_border(self, choice: dict[str, str]) -> dict[str, Array | None]:
-        with self.progress("narrower view", 1) as advance:
-            found = forecast_without_border(
-                self.data.images[self.learn],
-                self.targets[self.learn],
-                self.groups,
-                choice.values(),
-                n_jobs=self.n_jobs,
-            )
-            advance(1)
-        return found
+    def _without_border(self, recipes: dict[str, Recipe]) -> dict[str, float | None]:
+        """Forecasts from the middle of the view; None where a family cannot be had of it."""
+        families = self._families_of(recipes)
+        if not families:
+            return {}
+        middle = np.ascontiguousarray(crop_centre(self.data.images))
+        try:
+            table = self._table(families, middle, title="narrower view")
+        except InvalidInputError:
+            return dict.fromkeys(recipes)
+        jobs = [(recipe, dof) for dof, recipe in recipes.items() if table.has(recipe.name)]
+        found = self._forecast_all(table, self.groups, jobs, "its forecasts", QUICK)
+        rms = {dof: float(one.rms[0]) for (_, dof), one in zip(jobs, found, strict=True)}
+        return {dof: rms.get(dof) for dof in recipes}
 
     def _at_random(
-        self, candidates: dict[str, Candidate], choice: dict[str, str]
+        self, table: FeatureTable, recipes: dict[str, Recipe]
     ) -> dict[str, float] | None:
         """What a forecast promises that does not know that images are dependent."""
         if self.groups is None:
             return None
-        promised = forecast_candidates(
-            self.data.images,
-            self.targets,
-            self.learn,
-            np.arange(len(self.data)),
-            {name: candidates[name].features for name in sorted(set(choice.values()))},
-            n_jobs=self.n_jobs,
-        )
-        return {
-            dof: float(promised[name].forecast.rms[DOFS.index(dof)]) for dof, name in choice.items()
-        }
+        if table.folds:
+            each = np.arange(len(self.data))
+            families = self._families_of(recipes)
+            table = self._table(families, self.data.images, each, "features at random")
+        jobs = [(recipe, dof) for dof, recipe in recipes.items()]
+        found = self._forecast_all(table, None, jobs, "forecasts at random", QUICK)
+        return {dof: float(one.rms[0]) for dof, one in zip(recipes, found, strict=True)}
+
+    def _families_of(self, recipes: dict[str, Recipe]) -> list[Any]:
+        """The families that recipes take, as they were given."""
+        used = {name for recipe in recipes.values() for name in recipe.family_names}
+        known = {Recipe(family).name: family for family in self.families}
+        return [known.get(name, name) for name in sorted(used)]
 
     def _regressors(
-        self, candidates: dict[str, Candidate], choice: dict[str, str]
-    ) -> list[RegressorScore]:
-        """Other regressors on the chosen features."""
-        names = sorted(set(choice.values()))
-        if not names:
+        self, table: FeatureTable, recipes: dict[str, Recipe], names: Sequence[str]
+    ) -> list[Fitted]:
+        """Regressors side by side on the same features; none unless they are to be compared."""
+        if not self.compare or not all(table.has(recipe.name) for recipe in recipes.values()):
             return []
-        ends = np.cumsum([0, *(len(candidates[name].features.names) for name in names)])
-        columns = {dof: np.arange(*ends[names.index(n) :][:2]) for dof, n in choice.items()}
-        with self.progress("regressors", len(COMPARED) * len(choice)) as advance:
-            return compare_regressors(
-                np.hstack([candidates[name].features.values for name in names]),
-                self.targets[:, [DOFS.index(dof) for dof in choice]],
-                self.split,
-                COMPARED,
-                columns=columns,
-                dofs=tuple(choice),
-                n_jobs=self.n_jobs,
-                on_progress=advance,
-            )
-
-    def _regressors_on_moments(
-        self, candidates: dict[str, Candidate], choice: dict[str, str]
-    ) -> list[RegressorScore]:
-        """Every regressor on the paper's moments."""
-        if not choice or "moments" not in candidates:
-            return []
-        with self.progress("regressors on moments", len(REGRESSORS) * len(choice)) as advance:
-            return compare_regressors(
-                candidates["moments"].features.values,
-                self.targets[:, [DOFS.index(dof) for dof in choice]],
-                self.split,
-                dofs=tuple(choice),
-                n_jobs=self.n_jobs,
-                on_progress=advance,
-            )
+        jobs = [
+            (replace(recipe, regressor=name), dof)
+            for name in names
+            for dof, recipe in recipes.items()
+        ]
+        return self._train(table, jobs, "regressors")

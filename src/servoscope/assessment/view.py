@@ -76,7 +76,7 @@ def examine_view(
     data: PoseImageSet,
     learn: Indices,
     test: Indices,
-    groups: NDArray[np.integer] | None = None,
+    groups: Indices | None = None,
     *,
     seed: int = 0,
     n_jobs: int | None = -1,

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.assessment.candidates import forecast_family
-from servoscope.processes import in_processes
-
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 KEPT = 0.8
 """Share of each side of the view that is kept when its border is cut away."""
@@ -31,39 +25,6 @@ def crop_centre(images: NDArray[np.uint8], share: float = KEPT) -> NDArray[np.ui
     rows, columns = images.shape[1:]
     top, left = round((1 - share) / 2 * rows), round((1 - share) / 2 * columns)
     return images[:, top : rows - top, left : columns - left]
-
-
-def forecast_without_border(
-    images: NDArray[np.uint8],
-    targets: Array,
-    groups: Indices | None,
-    families: Iterable[str],
-    *,
-    n_jobs: int | None = -1,
-) -> dict[str, Array | None]:
-    """RMS errors that families are forecast to reach on the middle of the view alone.
-
-    Parameters
-    ----------
-    images : ndarray of shape (n, height, width), uint8
-        To learn from.
-    targets : ndarray of shape (n, 6)
-    groups : ndarray of shape (n,), optional
-    families : iterable of str
-
-    Returns
-    -------
-    dict of ndarray of shape (6,)
-        In units of the targets; None for a family that cannot be had of so small a view.
-    """
-    names = sorted(set(families))
-    middle = np.ascontiguousarray(crop_centre(images))
-    calls = ((middle, targets, groups, name) for name in names)
-    forecasts = list(in_processes(forecast_family, calls, n_jobs))
-    return {
-        name: None if forecast is None else forecast.rms
-        for name, forecast in zip(names, forecasts, strict=True)
-    }
 
 
 def inner_rms(residuals: Array, targets: Array) -> float | None:

@@ -13,6 +13,8 @@ def assess(
     want: str = "",
     pose_error: str = "",
     families: str = "all",
+    regressor: str = "gaussian_process",
+    study: bool = False,
     seed: int = 0,
     protocol: Protocol = "both",
     jobs: Jobs = None,
@@ -23,7 +25,8 @@ def assess(
     """Say what each degree of freedom will reach, what limits it and what would help.
 
     Works on a data set folder, such as one made by acquire or by import, of 60 images or more.
-    Of enough images the paper's study is made as well.
+    The features and regressors that are chosen are trained and saved in the run's
+    models/pipeline.
 
     Example: servoscope assess desk --want t=1mm,rz=0.2deg --out desk-run
 
@@ -32,14 +35,19 @@ def assess(
         pose_error: RMS errors of the poses that the robot tells, written like --want. Known of
             simulated images; taken for 0 otherwise.
         families: Families of features to try, with commas between them, of moments, eigenfeatures,
-            pose_covariance, least_squares, projections, log_polar, gradient, intensity, robust.
+            pose_covariance, least_squares, projections, log_polar, gradient, intensity, robust,
+            tchebichef, lfa, and those of installed packages.
+        regressor: What is trained on the chosen features: gaussian_process, kernel_ridge,
+            levenberg_marquardt (the paper's nets), bayesian_lm, lbfgs, or one of an installed
+            package.
+        study: Make the paper's study of these images as well, of 144 or more, and compare
+            regressors.
         seed: Seed of the split and the nets.
     """
     import warnings
     from dataclasses import asdict
 
     from servoscope.assessment import parse_wishes
-    from servoscope.assessment.families import choose_tried
     from servoscope.commands.options import n_jobs, protocols
     from servoscope.commands.run_assessment import run_assessment, told_label_errors
     from servoscope.commands.run_study import finish_run, print_run
@@ -47,13 +55,16 @@ def assess(
     from servoscope.data.images import PoseImageSet
     from servoscope.data.independence import check_enough_images, mark_sequence
     from servoscope.errors import InvalidInputError, ServoscopeWarning
+    from servoscope.features.catalogue import parse_families
+    from servoscope.regression.registry import make_regressor
     from servoscope.study import StudyConfig
     from servoscope.study.run_folder import owned_run_folder
 
     processes = n_jobs(jobs)
     config = StudyConfig(seed=seed, protocols=protocols(protocol))
     wishes, label_errors = parse_wishes(want), parse_wishes(pose_error)
-    tried = choose_tried(families)
+    tried = parse_families(families)
+    make_regressor(regressor)
     if out.resolve() in (dataset.resolve(), *dataset.resolve().parents):
         raise InvalidInputError(
             f"--out {out} is or holds the data set {dataset}; name another folder."
@@ -65,15 +76,18 @@ def assess(
     data = mark_sequence(data)  # the study's random split would flatter
     settings = {"command": "assess", **asdict(config), "dataset": str(dataset.resolve())}
     settings |= {"want": wishes, "pose_error": label_errors, "families": tried}
+    settings |= {"regressor": regressor, "study": study}
     with owned_run_folder(out, settings, resume=resume, force=force) as run:
         assessment = run_assessment(
             run,
             data,
             families=tried,
+            regressor=regressor,
             seed=seed,
             wishes=wishes,
             label_errors=told_label_errors(data) | label_errors,
+            compare=study,
             n_jobs=processes,
         )
-        summary = finish_run(run, data, config, processes, assessment=assessment)
+        summary = finish_run(run, data, config, processes, assessment=assessment, study=study)
     print_run(summary, out, json=json)

@@ -1,10 +1,13 @@
 """``servoscope import``: one command for each format."""
 
 from collections.abc import Callable
+from typing import Any
 
 from tyro.conf import OmitArgPrefixes
 
 from servoscope.commands.options import DataSetOut, Force, Json, Source
+from servoscope.errors import PluginError
+from servoscope.formats.options import ImportOptions
 from servoscope.formats.registry import FORMATS, Format
 
 
@@ -38,5 +41,22 @@ def import_command(name: str, format_: Format) -> Callable[..., None]:
 
 
 def import_commands() -> dict[str, Callable[..., None]]:
-    """The command of every format, by name."""
-    return {name: import_command(name, format_) for name, format_ in FORMATS.items()}
+    """The command of every format, by name; that of a plug-in that fails says so when called."""
+    try:
+        names = list(FORMATS)
+    except PluginError as error:
+        return {name: _failing(name, error) for name in FORMATS.built_in}
+    commands = {}
+    for name in names:
+        try:
+            commands[name] = import_command(name, FORMATS[name])
+        except PluginError as error:
+            commands[name] = _failing(name, error)
+    return commands
+
+
+def _failing(name: str, error: PluginError) -> Callable[..., None]:
+    def read(*_: Any) -> Any:
+        raise error
+
+    return import_command(name, Format("what cannot be read", ImportOptions, read))

@@ -37,7 +37,7 @@ def info(
         dataset: Data set whose pose-image covariance the figure is to show as well.
     """
     from servoscope.commands.output import print_facts
-    from servoscope.positioning.model_folder import is_model
+    from servoscope.storage.model_folder import is_model
     from servoscope.study.run_folder import is_run
 
     if figure is None and dataset is not None:
@@ -133,7 +133,7 @@ def describe_model(folder: Path) -> dict[str, Any]:
     ModelError
         If it is damaged, or was written by a newer version.
     """
-    from servoscope.positioning.model_folder import read_model, read_version
+    from servoscope.storage.model_folder import read_model, read_version
 
     header, arrays = read_model(folder)
     version, servoscope = read_version(folder)
@@ -197,8 +197,8 @@ def _write_figure(folder: Path | None, file: Path, dataset: Path | None) -> None
     """Write the figure of a keyframe model."""
     from servoscope.data.images import PoseImageSet
     from servoscope.positioning.keyframe_model import RESIDUAL
-    from servoscope.positioning.model_folder import is_model, read_model
     from servoscope.report.figures.keyframe import write_keyframe
+    from servoscope.storage.model_folder import is_model, read_model
 
     keyframe = None
     if folder is not None and is_model(folder):

@@ -43,8 +43,12 @@ Part = Annotated[
     Literal["cylinder_head", "textured_plane"], arg(help="What lies under the camera.")
 ]
 RobotName = Annotated[
-    Literal["free", "arm"],
-    arg(help="What carries the camera: nothing, or an arm in physics, which tells its flange."),
+    str,
+    arg(
+        metavar="{free,arm}",
+        help="What carries the camera: nothing, an arm in physics, which tells its flange, or a "
+        "robot of an installed package.",
+    ),
 ]
 
 

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from rich.table import Table
 
 from servoscope.assessment import as_json, assess
 from servoscope.commands.output import console
 from servoscope.commands.progress import progress_bar
 from servoscope.data.images import PoseImageSet
+from servoscope.errors import InvalidInputError, ServoscopeWarning
 from servoscope.files import write_json
+from servoscope.pipeline import PosePipeline
 from servoscope.poses import DISPLAY_UNITS, DOFS
 from servoscope.study.run import fingerprint
 from servoscope.study.run_folder import RunFolder, read_json
@@ -24,21 +30,45 @@ def run_assessment(
     data: PoseImageSet,
     *,
     families: Sequence[str],
+    regressor: str,
     seed: int,
+    compare: bool,
     wishes: Errors,
     label_errors: Errors,
     n_jobs: int,
 ) -> dict[str, Any]:
     """Assess a data set, unless the run folder holds the assessment already."""
-    path = run.path / "assessment.json"
+    path, models = run.path / "assessment.json", run.path / "models"
 
     def make() -> None:
-        found = assess(data, families=families, seed=seed, n_jobs=n_jobs, progress=progress_bar)
+        found = assess(
+            data,
+            families=families,
+            regressor=regressor,
+            seed=seed,
+            compare=compare,
+            n_jobs=n_jobs,
+            progress=progress_bar,
+        )
+        if found.pipeline is not None:
+            _save(found.pipeline, models, data, found.independence.labels)
         write_json(path, as_json(found, wishes, label_errors))
 
     inputs = {"data": fingerprint(data), "settings": run.settings}
     run.run_stage("decision", inputs, make, [path.name])
     return read_json(path)
+
+
+def _save(
+    pipeline: PosePipeline, models: Path, data: PoseImageSet, groups: NDArray[np.intp]
+) -> None:
+    """Save the pipeline of the choice with the data that it is of, unless it cannot be saved."""
+    pipeline.record_ |= {"fingerprint": fingerprint(data), "groups": groups.tolist()}
+    models.mkdir(exist_ok=True)
+    try:
+        pipeline.save(models / "pipeline", force=True)
+    except InvalidInputError as error:
+        warnings.warn(f"The pipeline is not saved. {error}", ServoscopeWarning, stacklevel=3)
 
 
 def told_label_errors(data: PoseImageSet) -> dict[str, float]:

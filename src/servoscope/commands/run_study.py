@@ -32,19 +32,22 @@ def finish_run(
     n_jobs: int,
     *,
     assessment: dict[str, Any] | None = None,
+    study: bool = True,
 ) -> dict[str, Any]:
     """Go through what is not finished of a run and write its report; returns its summary.
 
-    With an assessment, the study is left out where these images do not do for it.
+    With an assessment, the study is left out unless it is asked for and these images do for it.
     """
     path = run.path / "summary.json"
     try:
+        if not study:
+            raise InvalidInputError("It is made with --study.")
         check_data(data, config)
-        study = Study(run, data, config, n_jobs=n_jobs, progress=progress_bar)
-        study.run()
+        whole = Study(run, data, config, n_jobs=n_jobs, progress=progress_bar)
+        whole.run()
         summary = read_json(path)
         if assessment is not None:
-            summary["criteria"] = compare_criteria(study)
+            summary["criteria"] = compare_criteria(whole)
     except InvalidInputError as error:
         if assessment is None:
             raise
@@ -70,7 +73,7 @@ def print_run(summary: dict[str, Any], run: Path, *, json: bool) -> None:
     out = console()
     if "assessed" in summary:
         print_assessment(summary["assessed"])
-        if "study_left_out" in summary:
+        if "study_left_out" in summary and summary["settings"].get("study"):
             out.print(f"The paper's study is left out. {summary['study_left_out']}")
     else:
         _print_study(summary)

@@ -87,9 +87,9 @@ def train(
     from servoscope.data.images import PoseImageSet
     from servoscope.dofs import parse_dofs
     from servoscope.positioning.decision import decision_text
-    from servoscope.positioning.model_folder import check_free
     from servoscope.positioning.training import N_STAGES
     from servoscope.positioning.training import train as train_model
+    from servoscope.storage.model_folder import check_free
 
     processes = n_jobs(jobs)
     check_free(out, force=force)

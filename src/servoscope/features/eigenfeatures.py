@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from servoscope.errors import InvalidInputError
 from servoscope.features.image_basis import ImageBasis, fitted_basis
-from servoscope.features.image_transformer import ImageTransformer
-from servoscope.features.pixel_blocks import project_images
+from servoscope.features.learned_projection import LearnedProjection
 from servoscope.features.pixels import ImageShape
 
 
-class Eigenfeatures(ImageTransformer):
+class Eigenfeatures(LearnedProjection):
     """Projections of images onto the leading eigenvectors of the training images.
 
     Parameters
@@ -60,8 +62,7 @@ class Eigenfeatures(ImageTransformer):
     array(['e_00', 'e_01', 'e_02'], dtype=object)
     """
 
-    _min_images = 2
-    _min_pixels = 2
+    _is_supervised = False
 
     def __init__(
         self,
@@ -90,19 +91,28 @@ class Eigenfeatures(ImageTransformer):
         self.basis_ = fitted_basis(flat, self.n_components, self.image_shape_, self.basis)
         return self
 
-    def transform(self, X: Any) -> NDArray[np.float64]:
-        """Eigenfeatures of images.
+    def to_arrays(self) -> dict[str, NDArray]:
+        """What `transform` needs, as plain arrays."""
+        return {**super().to_arrays(), "eigenvalues": self.eigenvalues_}
 
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, ArrayLike]) -> Self:
+        """Features as those that `to_arrays` was called on.
 
-        Returns
-        -------
-        ndarray of shape (n_images, n_components)
+        Raises
+        ------
+        InvalidInputError
+            If an array is missing or the sizes disagree.
         """
-        flat = self._images_to_transform(X)
-        return project_images(flat, self.basis_.mean, self.basis_.components)
+        features = super().from_arrays(arrays)
+        eigenvalues = np.asarray(arrays.get("eigenvalues", ()), dtype=np.float64)
+        if len(eigenvalues) != len(features.components_):
+            raise InvalidInputError(
+                f"{len(features.components_)} eigenvectors need as many eigenvalues, got "
+                f"{len(eigenvalues)}."
+            )
+        features.basis_ = replace(features.basis_, eigenvalues=eigenvalues)
+        return features
 
     @property
     def components_(self) -> NDArray[Any]:
@@ -118,6 +128,11 @@ class Eigenfeatures(ImageTransformer):
     def mean_(self) -> NDArray[np.float64]:
         """Mean of the normalised training images, of shape (n_pixels,)."""
         return self.basis_.mean
+
+    def _restore(self, mean: NDArray, components: NDArray) -> None:
+        self.n_components = len(components)
+        eigenvalues = np.zeros(len(components))
+        self.basis_ = ImageBasis(self.image_shape_, eigenvalues, mean, components)
 
     def _feature_names(self) -> list[str]:
         return [f"e_{i:02d}" for i in range(len(self.basis_))]

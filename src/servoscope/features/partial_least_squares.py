@@ -7,12 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
-from sklearn.utils import Tags
 
 from servoscope.errors import InvalidInputError
 from servoscope.features.image_basis import check_n_components
-from servoscope.features.image_transformer import ImageTransformer
-from servoscope.features.pixel_blocks import project_images
+from servoscope.features.learned_projection import LearnedProjection
 from servoscope.features.pixels import ImageShape
 from servoscope.features.pose_products import centred_targets
 from servoscope.features.snapshots import (
@@ -26,7 +24,7 @@ from servoscope.processes import one_blas_thread
 Array = NDArray[np.float64]
 
 
-class PoseLeastSquares(ImageTransformer):
+class PoseLeastSquares(LearnedProjection):
     """Projections of images onto the directions that covary most with the displacement.
 
     Parameters
@@ -85,9 +83,6 @@ class PoseLeastSquares(ImageTransformer):
     array(['pls_00', 'pls_09'], dtype=object)
     """
 
-    _min_images = 2
-    _min_pixels = 2
-
     def __init__(
         self,
         n_components: int = 20,
@@ -122,28 +117,8 @@ class PoseLeastSquares(ImageTransformer):
         self.components_ = extremes_made_positive(components)
         return self
 
-    def transform(self, X: Any) -> Array:
-        """Projections of images.
-
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-
-        Returns
-        -------
-        ndarray of shape (n_images, n_components)
-        """
-        flat = self._images_to_transform(X)
-        return project_images(flat, self.mean_, self.components_)
-
     def _feature_names(self) -> list[str]:
         return [f"pls_{i:02d}" for i in range(len(self.components_))]
-
-    def __sklearn_tags__(self) -> Tags:
-        tags = super().__sklearn_tags__()
-        tags.target_tags.required = True
-        tags.target_tags.multi_output = True
-        return tags
 
 
 def find_pls_directions(X: Array, Y: Array, n_components: int) -> Array:

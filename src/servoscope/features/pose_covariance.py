@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from sklearn.utils import Tags
 
-from servoscope.features.image_transformer import ImageTransformer, target_names
-from servoscope.features.pixel_blocks import map_blocks, project_images, working_dtype
+from servoscope.features.image_transformer import target_names
+from servoscope.features.learned_projection import LearnedProjection
+from servoscope.features.pixel_blocks import map_blocks, working_dtype
 from servoscope.features.pixels import ImageShape
 
 
-class PoseImageCovariance(ImageTransformer):
+class PoseImageCovariance(LearnedProjection):
     """Projections of images onto the covariance of the training images with their poses.
 
     Parameters
@@ -61,9 +60,6 @@ class PoseImageCovariance(ImageTransformer):
     array(['pci_tx', 'pci_rz'], dtype=object)
     """
 
-    _min_images = 2
-    _min_pixels = 2
-
     def __init__(self, image_shape: ImageShape | None = None) -> None:
         self.image_shape = image_shape
 
@@ -91,25 +87,5 @@ class PoseImageCovariance(ImageTransformer):
             self.components_[:, pixels] = part
         return self
 
-    def transform(self, X: Any) -> NDArray[np.float64]:
-        """Pose-image covariance features of images.
-
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-
-        Returns
-        -------
-        ndarray of shape (n_images, n_targets)
-        """
-        flat = self._images_to_transform(X)
-        return project_images(flat, self.mean_, self.components_)
-
     def _feature_names(self) -> list[str]:
         return [f"pci_{name}" for name in target_names(len(self.components_))]
-
-    def __sklearn_tags__(self) -> Tags:
-        tags = super().__sklearn_tags__()
-        tags.target_tags.required = True
-        tags.target_tags.multi_output = True
-        return tags

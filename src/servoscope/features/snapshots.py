@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
 from servoscope.features.pixel_blocks import map_blocks, working_dtype
+from servoscope.processes import one_blas_thread
 
 
 def mean_and_gram(flat: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -36,6 +38,38 @@ def mean_and_gram(flat: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.f
         mean[pixels] = block_mean
         gram += part
     return mean, gram
+
+
+def span_coordinates(flat: NDArray[Any]) -> NDArray[np.float64]:
+    """Coordinates of brightness-normalised images along orthonormal directions that span them.
+
+    Features that depend on images through their inner products alone, such as eigenfeatures, are
+    the same of these as of the images, but for rounding and signs.
+
+    Parameters
+    ----------
+    flat : ndarray of shape (n_images, n_pixels)
+
+    Returns
+    -------
+    ndarray of shape (n_images, n_directions)
+        No more directions than images; those that rounding may have made are left out.
+
+    Examples
+    --------
+    >>> images = np.random.default_rng(0).uniform(1, 9, (5, 100))
+    >>> coordinates = span_coordinates(images)
+    >>> np.allclose(coordinates @ coordinates.T, [
+    ...     [a @ b / np.sqrt(a @ a * (b @ b)) for a in images] for b in images])
+    True
+    """
+    products = np.zeros((len(flat), len(flat)))
+    for _, _, part in map_blocks(lambda block, _: block @ block.T, flat, np.zeros(flat.shape[1])):
+        products += part
+    with one_blas_thread():
+        eigenvalues, vectors = eigh(products)
+    kept = eigenvalues > rounding_variance(flat, eigenvalues[-1])
+    return np.asarray(vectors[:, kept] * np.sqrt(eigenvalues[kept]))
 
 
 def rounding_variance(flat: NDArray[Any], largest: float) -> float:

@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve
-from sklearn.utils import Tags
 
 from servoscope.errors import InvalidInputError
-from servoscope.features.image_transformer import ImageTransformer
-from servoscope.features.pixel_blocks import project_images
+from servoscope.features.learned_projection import LearnedProjection
 from servoscope.features.pixels import ImageShape
 from servoscope.features.pose_products import centred_targets, product_names
 from servoscope.features.snapshots import mean_and_gram, rounding_variance, sum_images
@@ -20,7 +18,7 @@ from servoscope.processes import one_blas_thread
 Array = NDArray[np.float64]
 
 
-class WhitenedPoseCovariance(ImageTransformer):
+class WhitenedPoseCovariance(LearnedProjection):
     """Ridge estimates of the displacement that are linear in the image.
 
     Parameters
@@ -93,9 +91,6 @@ class WhitenedPoseCovariance(ImageTransformer):
     array(['pwi_tx', 'pwi_rz'], dtype=object)
     """
 
-    _min_images = 2
-    _min_pixels = 2
-
     def __init__(
         self,
         ridge: float = 0.1,
@@ -132,29 +127,8 @@ class WhitenedPoseCovariance(ImageTransformer):
         self.components_ = sum_images(flat, self.mean_, weights)
         return self
 
-    def transform(self, X: Any) -> Array:
-        """Whitened pose-image covariance features of images.
-
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-
-        Returns
-        -------
-        ndarray of shape (n_images, n_features)
-            One feature for each target, and for each product of two if there are products.
-        """
-        flat = self._images_to_transform(X)
-        return project_images(flat, self.mean_, self.components_)
-
     def _feature_names(self) -> list[str]:
         return [f"pwi_{name}" for name in product_names(self.n_targets_, self.products)]
-
-    def __sklearn_tags__(self) -> Tags:
-        tags = super().__sklearn_tags__()
-        tags.target_tags.required = True
-        tags.target_tags.multi_output = True
-        return tags
 
 
 def _check_ridge(ridge: Any) -> None:

@@ -1,14 +1,17 @@
-"""The formats that can be imported: one line each."""
+"""The formats that can be imported: one line each, or an entry point ``servoscope.formats``."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from servoscope.data.images import PoseImageSet
+from servoscope.errors import InvalidInputError
 from servoscope.formats.folder import read_folder
 from servoscope.formats.options import ImportOptions
 from servoscope.formats.tum import TumOptions, read_tum
+from servoscope.plugins import Registry
 
 
 @dataclass(frozen=True)
@@ -20,8 +23,18 @@ class Format:
     read: Callable[..., PoseImageSet]
 
 
-FORMATS = {
-    "folder": Format("a folder of images with poses.csv", ImportOptions, read_folder),
-    "tum": Format("a TUM sequence: rgb.txt and groundtruth.txt", TumOptions, read_tum),
-}
+def _checked(name: str, format_: Any) -> Format:
+    if not isinstance(format_, Format):
+        raise InvalidInputError(f"the format {name!r} must be a Format, got {repr(format_)[:80]}")
+    return format_
+
+
+FORMATS: Registry[Format] = Registry(
+    "servoscope.formats",
+    {
+        "folder": Format("a folder of images with poses.csv", ImportOptions, read_folder),
+        "tum": Format("a TUM sequence: rgb.txt and groundtruth.txt", TumOptions, read_tum),
+    },
+    _checked,
+)
 """Formats by the name that the command line knows them by."""

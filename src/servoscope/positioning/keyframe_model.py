@@ -25,7 +25,6 @@ from servoscope.poses import (
 from servoscope.positioning.calibration import Calibration
 from servoscope.positioning.first_guess import FirstGuess
 from servoscope.positioning.interfaces import Array, Estimate, Image
-from servoscope.positioning.model_folder import Folder, write_model
 from servoscope.positioning.recognition import (
     LEAST_SIMILARITY,
     Recognition,
@@ -34,6 +33,7 @@ from servoscope.positioning.recognition import (
     read_right,
     recogniser,
 )
+from servoscope.storage.model_folder import Folder, write_model
 
 KIND = "keyframe"
 """What ``model.json`` calls a model of this kind."""

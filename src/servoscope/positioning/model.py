@@ -16,8 +16,8 @@ from servoscope.positioning.alignment import Alignment
 from servoscope.positioning.interaction import MARGIN, LearnedInteraction
 from servoscope.positioning.interfaces import Array, Estimate, Image
 from servoscope.positioning.keyframe_model import KIND, KeyframeModel
-from servoscope.positioning.model_folder import read_model, write_model
 from servoscope.positioning.pose_networks import PoseNetworks
+from servoscope.storage.model_folder import read_model, write_model
 
 Folder = str | PathLike[str]
 

@@ -133,6 +133,8 @@ class KernelRegressor(RegressorMixin, BaseEstimator):
             *samples,
         )
         arrays = {name: np.asarray(value) for name, value in zip(_ARRAYS, values, strict=True)}
+        scales = arrays["length_scales"]  # a feature that has no say: 0 for infinity
+        arrays["length_scales"] = np.where(np.isfinite(scales), scales, 0.0)
         if hasattr(self, "feature_names_in_"):
             arrays["feature_names"] = np.asarray(self.feature_names_in_, dtype=str)
         return arrays
@@ -154,6 +156,7 @@ class KernelRegressor(RegressorMixin, BaseEstimator):
                 f"{length_scales.size} length scales, {y.size} targets and samples of shape "
                 f"{X.shape} do not belong together: the arrays are not of one regressor."
             )
+        length_scales = np.where(length_scales > 0, length_scales, np.inf)
         kernel = GaussianKernel(centre, length_scales, float(signal), float(noise), float(offset))
         regressor = cls()
         regressor.posterior_ = KernelPosterior(kernel, Samples(X, y))

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import clone
 
 from servoscope.errors import InvalidInputError
+from servoscope.plugins import Registry
 from servoscope.regression.bayesian_network import BayesianLMRegressor
 from servoscope.regression.gaussian_process import GaussianProcess
 from servoscope.regression.kernel_ridge import GaussianKernelRidge
@@ -43,15 +44,28 @@ class Regressor(Protocol):
         """What `to_arrays` was called on."""
 
 
-REGRESSORS: dict[str, type[Regressor]] = {
-    "gaussian_process": GaussianProcess,
-    "kernel_ridge": GaussianKernelRidge,
-    "levenberg_marquardt": LMRegressor,
-    "bayesian_lm": BayesianLMRegressor,
-    "lbfgs": LBFGSRegressor,
-}
+def _checked(name: str, regressor: Any) -> Any:
+    if not (callable(regressor) and hasattr(regressor, "fit") and hasattr(regressor, "predict")):
+        raise InvalidInputError(
+            f"the regressor {name!r} must be a class with fit and predict, got "
+            f"{repr(regressor)[:80]}"
+        )
+    return regressor
+
+
+REGRESSORS: Registry[Any] = Registry(
+    "servoscope.regressors",
+    {
+        "gaussian_process": GaussianProcess,
+        "kernel_ridge": GaussianKernelRidge,
+        "levenberg_marquardt": LMRegressor,
+        "bayesian_lm": BayesianLMRegressor,
+        "lbfgs": LBFGSRegressor,
+    },
+    _checked,
+)
 """Called without arguments they make a regressor of that name; ``"levenberg_marquardt"`` is the
-paper's."""
+paper's. Further ones are added by entry points ``servoscope.regressors``."""
 
 
 def make_regressor(regressor: Any) -> Any:
@@ -78,7 +92,7 @@ def regressor_as_arrays(regressor: Any) -> dict[str, Any]:
     InvalidInputError
         If it is not one of `REGRESSORS`.
     """
-    for name, kind in REGRESSORS.items():
+    for name, kind in REGRESSORS.built_in.items():
         if type(regressor) is kind:
             return {"regressor": name, **regressor.to_arrays()}
     raise InvalidInputError(
@@ -100,7 +114,7 @@ def regressor_from_arrays(arrays: Mapping[str, ArrayLike]) -> Any:
     return _class_of(str(arrays.get("regressor", "levenberg_marquardt"))).from_arrays(arrays)
 
 
-def _class_of(name: str) -> type[Regressor]:
+def _class_of(name: str) -> Any:
     if name not in REGRESSORS:
         raise InvalidInputError(
             f"There is no regressor named {name!r}; there are {', '.join(REGRESSORS)}."

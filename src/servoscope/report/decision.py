@@ -107,6 +107,7 @@ def _agreement(assessed: dict[str, Any], dofs: list[str]) -> str:
             ]
             for family in assessed["families"].values()
             for dof in dofs
+            if family["dofs"][dof]["reached_rms"] is not None
         ]
-    )
+    ).reshape(-1, 2)
     return describe_agreement(pairs)

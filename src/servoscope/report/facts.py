@@ -168,6 +168,8 @@ def describe_command(settings: dict[str, Any]) -> str | None:
     options["protocol"] = protocols[0] if len(protocols) == 1 else "both"
     for option, value in options.items():
         words += [f"--{option}", str(value)]
+    if settings.get("study"):
+        words.append("--study")
     return shlex.join(words)
 
 
@@ -201,6 +203,8 @@ def _wishes(settings: dict[str, Any]) -> dict[str, str]:
             )
     if settings.get("families"):
         options["families"] = ",".join(settings["families"])
+    if settings.get("regressor", "gaussian_process") != "gaussian_process":
+        options["regressor"] = settings["regressor"]
     return options
 
 

@@ -1,18 +1,20 @@
 """The simulated robots, by name.
 
-A further robot needs one line in `ROBOTS`. It has to be what `SimulatedRobot` says, stand with its
-camera where it is told when it is made, and raise `RobotFaultError` where it cannot go.
+A further robot needs one line in `ROBOTS`, or an entry point ``servoscope.robots``. It has to be
+what `SimulatedRobot` says, stand with its camera where it is told when it is made, and raise
+`RobotFaultError` where it cannot go.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from servoscope.errors import InvalidInputError
+from servoscope.plugins import Registry
 from servoscope.robots.free_camera import FreeCamera, Repeatability
 from servoscope.scene.scene import T_WORLD_REF, Scene
 
@@ -54,7 +56,15 @@ def _arm(
     return Arm(scene, T_world_cam, repeatability, rng)
 
 
-ROBOTS: dict[str, Maker] = {"free": FreeCamera, "arm": _arm}
+def _checked(name: str, maker: Any) -> Maker:
+    if not callable(maker):
+        raise InvalidInputError(f"the robot {name!r} must be callable, got {repr(maker)[:80]}")
+    return cast(Maker, maker)
+
+
+ROBOTS: Registry[Maker] = Registry("servoscope.robots", {"free": FreeCamera, "arm": _arm}, _checked)
+"""Called with a scene, the pose of the camera, the repeatability and a random generator or None,
+they make a robot."""
 
 
 def check_robot(name: str) -> str:

@@ -154,18 +154,29 @@ def refit_features(
     -------
     list of Fold
     """
-    if n_folds < 2:
-        raise InvalidInputError(f"n_folds must be 2 or more, got {n_folds!r}.")
     _, targets = as_samples(np.arange(len(images))[:, None], Y)
-    members = _of_shots(in_ordinary_units(targets)[0], check_groups(groups, len(images)))
     folds = []
-    for left_out in cut_samples(len(images), members, n_folds):
+    for left_out in cut_folds(targets, groups, n_folds):
         used = np.delete(np.arange(len(images)), left_out)
         fitted = deepcopy(family).fit(images[used], targets[used])
         folds.append(Fold(left_out, as_table(fitted.transform(images), "The features")))
         if on_progress is not None:
             on_progress(len(folds))
     return folds
+
+
+def cut_folds(Y: Array, groups: ArrayLike | None, n_folds: int) -> list[Indices]:
+    """Parts of the images to leave out in turn, which divide no group and no pose.
+
+    Raises
+    ------
+    InvalidInputError
+        If there are too few images, groups or folds.
+    """
+    if n_folds < 2:
+        raise InvalidInputError(f"n_folds must be 2 or more, got {n_folds!r}.")
+    members = _of_shots(in_ordinary_units(Y)[0], check_groups(groups, len(Y)))
+    return cut_samples(len(Y), members, n_folds)
 
 
 def forecast_from_folds(

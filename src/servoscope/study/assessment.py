@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.pipeline import FeatureTable
 from servoscope.poses import DOFS
 from servoscope.selection import (
     OrderStability,
@@ -19,7 +20,7 @@ from servoscope.selection import (
     pairwise_mutual_information,
     rank_ideal_point,
 )
-from servoscope.study.feature_tables import FeatureTable
+from servoscope.study.feature_tables import CANDIDATES
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,7 @@ def assess_features(
     n_ranked : int
         Features to rank for each dof.
     """
-    candidates = table.candidates
+    candidates = table.columns(CANDIDATES)
     X, Y = table.values[np.ix_(samples, candidates)], targets[samples]
     relevance = mutual_information(X, Y, n_bins=n_bins)
     pairwise = pairwise_mutual_information(X, n_bins=n_bins)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.pipeline import FeatureTable
 from servoscope.poses import DOFS
 from servoscope.selection import (
     Candidates,
@@ -16,7 +17,7 @@ from servoscope.selection import (
     redundancy_bias,
 )
 from servoscope.study.assessment import Assessment
-from servoscope.study.feature_tables import FeatureTable
+from servoscope.study.feature_tables import CANDIDATES
 
 CORRECTION = "miller_madow"
 """Right for features that tell of a dof and for those that do not; see `information_bias`."""
@@ -58,7 +59,7 @@ def measure_chance(
         features would show; and ``table2_corrected[dof]``, names in the order of the corrected
         ideal-point rule.
     """
-    X, Y = table.values[np.ix_(samples, table.candidates)], targets[samples]
+    X, Y = table.values[np.ix_(samples, table.columns(CANDIDATES))], targets[samples]
     null = "shifts" if in_sequence else "chi_square"
     corrected = corrected_mutual_information(X, Y, n_bins, CORRECTION)
     test = information_test(X, Y, n_bins, null=null)

@@ -11,8 +11,9 @@ from servoscope.files import write_json
 from servoscope.poses import DOFS
 from servoscope.processes import in_processes
 from servoscope.selection import CRITERIA, Candidates
+from servoscope.study.feature_tables import CANDIDATES
 from servoscope.study.forecasts import compare_forecasts
-from servoscope.study.networks import train_nets
+from servoscope.study.networks import subset_recipe, train_nets
 from servoscope.study.run import Study, Unit
 from servoscope.study.run_folder import read_json
 
@@ -61,7 +62,7 @@ def _compare(study: Study) -> dict[str, Any]:
     orders = _rank(study)
     errors = _train(study, orders)
     table, dofs = study.tables[UNIT], moving(study)
-    names = [table.names[i] for i in table.candidates]
+    names = [table.names[i] for i in table.columns(CANDIDATES)]
     everything = tuple(range(len(names)))
     return {
         "sizes": SIZES,
@@ -80,7 +81,7 @@ def _compare(study: Study) -> dict[str, Any]:
 def _rank(study: Study) -> Orders:
     """The orders of all criteria; those that take longest are begun first."""
     table, train = study.tables[UNIT], study.split(UNIT[0]).train
-    X, Y = table.values[np.ix_(train, table.candidates)], study.targets(UNIT[1])[train]
+    X, Y = table.values[np.ix_(train, table.columns(CANDIDATES))], study.targets(UNIT[1])[train]
     keys = [(name, dof) for name in reversed(CRITERIA) for dof in moving(study)]
     calls = [(name, X, Y[:, DOFS.index(dof)], study.config.n_bins) for name, dof in keys]
     orders: Orders = {}
@@ -103,7 +104,7 @@ def rank_candidates(
 def _train(study: Study, orders: Orders) -> dict[tuple[str, tuple[int, ...]], float]:
     """Test errors by dof and subset; a subset that several criteria share is trained once."""
     table = study.tables[UNIT]
-    everything = tuple(range(len(table.candidates)))
+    everything = tuple(range(len(table.columns(CANDIDATES))))
     subsets = [(dof, _subset(order, n)) for (_, dof), order in orders.items() for n in SIZES]
     distinct = list(dict.fromkeys([*subsets, *((dof, everything) for dof in moving(study))]))
     with study.progress("nets of the criteria", len(distinct)) as advance:
@@ -111,8 +112,7 @@ def _train(study: Study, orders: Orders) -> dict[tuple[str, tuple[int, ...]], fl
             table,
             study.targets(UNIT[1]),
             study.split(UNIT[0]),
-            [dof for dof, _ in distinct],
-            [table.candidates[list(features)] for _, features in distinct],
+            [(subset_recipe(table, features), dof) for dof, features in distinct],
             study.config,
             n_jobs=study.n_jobs,
             on_progress=advance,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,48 +16,37 @@ from servoscope.features import (
     LocalFeatureAnalysis,
     PoseImageCovariance,
 )
+from servoscope.pipeline import FeatureTable, Recipe
 from servoscope.poses import DOFS
 from servoscope.study.config import N_EIGENVECTORS
-
-N_INPUT_EIGENVECTORS = 24
-"""Eigenfeatures that the nets of family PCA take."""
 
 N_CANDIDATE_EIGENVECTORS = 35
 """Eigenfeatures that are candidates for selection; also the eigenvectors of family LFA 35."""
 
+CANDIDATES = Recipe("moments+eigenfeatures+pose_covariance")
+"""The features that selection chooses from: all but LFA, as in the paper."""
 
-@dataclass(frozen=True, eq=False)
-class FeatureTable:
-    """Features of all images, one column each.
+_FAMILIES = {
+    "e": "eigenfeatures",
+    "pci": "pose_covariance",
+    "lfa35": "lfa35",
+    "lfa85": "lfa85",
+}
+"""Families by the beginning of the names of their features; all others are moments."""
+
+
+def study_table(values: NDArray[np.float64], names: Sequence[str]) -> FeatureTable:
+    """The feature table of a study, whose families are known by the names of their features.
 
     Parameters
     ----------
     values : ndarray of shape (n_images, n_features)
-    names : tuple of n_features str
-        The candidates for selection first (moments, eigenfeatures, PCI), then the LFA features as
+    names : sequence of n_features str
+        Moments, eigenfeatures ``e_00``, ..., ``pci_tx``, ..., and the LFA features as
         ``lfa35_tx_00``, ...
     """
-
-    values: NDArray[np.float64]
-    names: tuple[str, ...]
-
-    @property
-    def candidates(self) -> NDArray[np.intp]:
-        """Columns of the features that selection chooses from: all but LFA, as in the paper."""
-        return np.array([i for i, name in enumerate(self.names) if not name.startswith("lfa")])
-
-    def family(self, family: str, dof: str) -> NDArray[np.intp]:
-        """Columns that a family's net for one dof takes as its inputs."""
-        eigenfeatures = {f"e_{i:02d}" for i in range(N_INPUT_EIGENVECTORS)}
-        prefixes = ("e_", "pci_", "lfa")
-        member = {
-            "gm": lambda name: not name.startswith(prefixes),
-            "pca": eigenfeatures.__contains__,
-            "pci": lambda name: name.startswith("pci_"),
-            "lfa35": lambda name: name.startswith(f"lfa35_{dof}_"),
-            "lfa85": lambda name: name.startswith(f"lfa85_{dof}_"),
-        }[family]
-        return np.array([i for i, name in enumerate(self.names) if member(name)])
+    families = tuple(_FAMILIES.get(name.split("_")[0], "moments") for name in names)
+    return FeatureTable(values, tuple(names), families)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +101,7 @@ def compute_feature_table(
         columns.append(transformer.fit(images, targets).transform(data.images))
         for name in transformer.get_feature_names_out():
             names.append(name.replace("lfa", family) if family.startswith("lfa") else name)
-    table = FeatureTable(np.column_stack(columns).astype(float), tuple(names))
+    table = study_table(np.column_stack(columns).astype(float), names)
     pictures = _pictures(data.image_shape, families["e"], families["pci"], families["lfa85"])
     return table, pictures
 

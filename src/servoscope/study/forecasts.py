@@ -11,7 +11,7 @@ from servoscope.data.independence import independent_groups
 from servoscope.poses import DOFS
 from servoscope.processes import in_processes
 from servoscope.selection import forecast_errors
-from servoscope.study.paper import FAMILIES
+from servoscope.study.paper import FAMILIES, RECIPES
 from servoscope.study.run import Study, Unit
 from servoscope.study.run_folder import read_json
 
@@ -45,7 +45,7 @@ def compare_forecasts(study: Study, unit: Unit) -> list[dict[str, Any]]:
     for dof in (dof for dof in DOFS if results["ranges"][dof]["value"] is not None):
         for family in FORECAST:
             reached = results["table1"][family][dof]["rms"]
-            taken[family, dof] = table.family(family, dof), reached
+            taken[family, dof] = table.columns(RECIPES[family].for_dof(dof)), reached
         subset = results["table3"][dof]
         taken["selected", dof] = (
             np.array([columns[name] for name in subset["features"]]),

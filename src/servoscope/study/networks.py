@@ -2,41 +2,22 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.data.splits import Split
+from servoscope.pipeline import FeatureTable, Fitted, Recipe, fit_all
 from servoscope.poses import DOFS
-from servoscope.regression import LMRegressor, NetworkJob, train_networks
 from servoscope.selection import ThresholdSubset, threshold_subsets
 from servoscope.study.assessment import Assessment
 from servoscope.study.config import StudyConfig
-from servoscope.study.feature_tables import FeatureTable
-from servoscope.study.paper import FAMILIES
+from servoscope.study.feature_tables import CANDIDATES
+from servoscope.study.paper import FAMILIES, RECIPES
 
 Progress = Callable[[int], object]
-
-
-@dataclass(frozen=True, eq=False)
-class TrainedNet:
-    """A net and its RMS errors, in units of the acquisition range.
-
-    Parameters
-    ----------
-    columns : ndarray
-        Columns of the feature table that it takes.
-    net : LMRegressor
-    validation_rms, test_rms : float
-    """
-
-    columns: NDArray[np.intp]
-    net: LMRegressor
-    validation_rms: float
-    test_rms: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,14 +25,14 @@ class SweepPoint:
     """A subset of the sweep and the net trained on it."""
 
     subset: ThresholdSubset
-    trained: TrainedNet
+    trained: Fitted
 
 
 @dataclass(frozen=True, eq=False)
 class StudyNets:
     """Nets by family and dof, and by dof along the sweep from the lowest threshold up."""
 
-    families: dict[str, dict[str, TrainedNet]]
+    families: dict[str, dict[str, Fitted]]
     sweeps: dict[str, list[SweepPoint]]
 
 
@@ -97,14 +78,13 @@ def train_study_nets(
         Called with the number of nets finished.
     """
     keys = [(family, dof) for family in FAMILIES for dof in DOFS]
-    inputs = [table.family(*key) for key in keys]
     points = [(dof, subset) for dof in DOFS for subset in sweeps[dof]]
-    inputs += [table.candidates[list(subset.features)] for _, subset in points]
-    dofs = [dof for _, dof in keys] + [dof for dof, _ in points]
+    jobs = [(RECIPES[family], dof) for family, dof in keys]
+    jobs += [(subset_recipe(table, subset.features), dof) for dof, subset in points]
     trained = train_nets(
-        table, targets, split, dofs, inputs, config, n_jobs=n_jobs, on_progress=on_progress
+        table, targets, split, jobs, config, n_jobs=n_jobs, on_progress=on_progress
     )
-    families: dict[str, dict[str, TrainedNet]] = {family: {} for family in FAMILIES}
+    families: dict[str, dict[str, Fitted]] = {family: {} for family in FAMILIES}
     for (family, dof), net in zip(keys, trained, strict=False):
         families[family][dof] = net
     sweep_nets: dict[str, list[SweepPoint]] = {dof: [] for dof in DOFS}
@@ -113,61 +93,39 @@ def train_study_nets(
     return StudyNets(families, sweep_nets)
 
 
+def subset_recipe(table: FeatureTable, candidates: Sequence[int]) -> Recipe:
+    """The recipe of a net that takes some of the candidates, by their numbers."""
+    columns = table.columns(CANDIDATES)[list(candidates)]
+    return Recipe(
+        CANDIDATES.features, tuple(table.names[i] for i in columns), "levenberg_marquardt"
+    )
+
+
 def train_nets(
     table: FeatureTable,
     targets: NDArray[np.float64],
     split: Split,
-    dofs: Sequence[str],
-    inputs: Sequence[NDArray[np.intp]],
+    jobs: Sequence[tuple[Recipe, str]],
     config: StudyConfig,
     *,
     n_jobs: int = -1,
     on_progress: Progress | None = None,
-) -> list[TrainedNet]:
-    """Train a net for each dof from the columns of the table that it is given.
+) -> list[Fitted]:
+    """Train a net for each recipe and dof, as the study is configured.
 
     Parameters
     ----------
-    dofs : sequence of str
-    inputs : sequence of ndarray
-        As many arrays of columns.
+    jobs : sequence of (Recipe, str)
     table, targets, split, config, n_jobs, on_progress
         As of `train_study_nets`.
     """
-    jobs = [
-        NetworkJob(columns, DOFS.index(dof), _seed(config.seed, dof, columns))
-        for columns, dof in zip(inputs, dofs, strict=True)
-    ]
-    nets = train_networks(
-        table.values,
+    settings = {"hidden": config.hidden, "restarts": config.restarts}
+    return fit_all(
+        table,
         targets,
-        jobs,
-        split.train,
-        split.validation,
-        regressor=LMRegressor(hidden=config.hidden, restarts=config.restarts),
+        split,
+        [(replace(recipe, settings=settings), dof) for recipe, dof in jobs],
+        seed=config.seed,
         n_jobs=n_jobs,
         on_progress=on_progress,
     )
-    return [
-        _measure(table.values, targets, split, job, net)
-        for job, net in zip(jobs, nets, strict=True)
-    ]
-
-
-def _measure(
-    X: NDArray[np.float64],
-    Y: NDArray[np.float64],
-    split: Split,
-    job: NetworkJob,
-    net: LMRegressor,
-) -> TrainedNet:
-    def rms(samples: NDArray[np.intp]) -> float:
-        error = net.predict(X[np.ix_(samples, job.columns)]) - Y[samples, job.target]
-        return float(np.sqrt(np.mean(error**2)))
-
-    return TrainedNet(job.columns, net, rms(split.validation), rms(split.test))
-
-
-def _seed(seed: int, dof: str, columns: NDArray[np.intp]) -> int:
-    """A seed that depends on what the net learns from, and not on its place in the list."""
-    return zlib.crc32(f"{seed} {dof} {columns.tolist()}".encode())

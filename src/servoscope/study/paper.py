@@ -6,8 +6,19 @@ The names of features are ours: ``theta_50`` is the paper's theta with the super
 
 from __future__ import annotations
 
-FAMILIES = ("gm", "pca", "pci", "lfa35", "lfa85")
-"""The families of Table I, in our names."""
+from servoscope.pipeline import Recipe
+
+RECIPES = {
+    "gm": Recipe("moments", regressor="levenberg_marquardt"),
+    "pca": Recipe("eigenfeatures", ("e_[01]?", "e_2[0-3]"), "levenberg_marquardt"),
+    "pci": Recipe("pose_covariance", regressor="levenberg_marquardt"),
+    "lfa35": Recipe("lfa35", ("lfa35_{dof}_*",), "levenberg_marquardt"),
+    "lfa85": Recipe("lfa85", ("lfa85_{dof}_*",), "levenberg_marquardt"),
+}
+"""What the nets of Table I take, by family in our names: geometric moments, 24 eigenfeatures, the
+pose-image covariance, and local features from 35 and from 85 eigenvectors."""
+
+FAMILIES = tuple(RECIPES)
 
 FAMILY_TITLES = {
     "gm": "GM",

@@ -17,6 +17,7 @@ from servoscope.data.splits import Split
 from servoscope.errors import InvalidInputError
 from servoscope.features import GeometricMoments, compute_image_basis
 from servoscope.files import write_arrays, write_json, write_text
+from servoscope.pipeline import FeatureTable
 from servoscope.poses import DISPLACEMENTS, DOFS
 from servoscope.progress import ProgressBar, no_progress
 from servoscope.regression import PoseRegressor
@@ -25,8 +26,8 @@ from servoscope.study.chance import measure_chance
 from servoscope.study.config import N_EIGENVECTORS, StudyConfig, check_n_images
 from servoscope.study.feature_tables import (
     FeaturePictures,
-    FeatureTable,
     compute_feature_table,
+    study_table,
 )
 from servoscope.study.networks import plan_sweeps, train_study_nets
 from servoscope.study.paper import FAMILIES
@@ -109,7 +110,7 @@ class Study:
         arrays = read_arrays(self.folder.path / "features.npz", ["names", *keys])
         names = tuple(map(str, arrays["names"]))
         return {
-            unit: FeatureTable(arrays[key], names)
+            unit: study_table(arrays[key], names)
             for unit, key in zip(self.units, keys, strict=True)
         }
 
@@ -198,7 +199,7 @@ class Study:
             )
         best = {dof: choose_best(points).trained for dof, points in nets.sweeps.items()}
         model = PoseRegressor.from_fitted(
-            {dof: trained.net for dof, trained in best.items()},
+            {dof: trained.regressor for dof, trained in best.items()},
             {dof: trained.columns.tolist() for dof, trained in best.items()},
             table.values.shape[1],
         )

@@ -126,8 +126,9 @@ def plot_validation(families: Mapping[str, Any], rows: Rows, *, ax: Axes | None 
             [
                 (family["dofs"][dof]["forecast_rms"], family["dofs"][dof]["reached_rms"])
                 for family in families.values()
+                if family["dofs"][dof]["reached_rms"] is not None
             ]
-        )
+        ).reshape(-1, 2)
         ax.plot(
             *(pairs / unit).T,
             linestyle="",

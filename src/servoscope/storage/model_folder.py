@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from servoscope import __version__
 from servoscope.errors import FolderExistsError, InvalidInputError, ModelError
 from servoscope.files import to_json, write_text
-from servoscope.positioning.model_arrays import (
+from servoscope.storage.model_arrays import (
     Arrays,
     make_table,
     read_arrays,

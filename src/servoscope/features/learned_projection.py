@@ -1,0 +1,93 @@
+"""Projections of normalised images onto vectors that are learned from images."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.utils import Tags
+from sklearn.utils.validation import check_is_fitted
+
+from servoscope.errors import InvalidInputError
+from servoscope.features.image_transformer import ImageTransformer
+from servoscope.features.pixel_blocks import project_images
+
+
+class LearnedProjection(ImageTransformer):
+    """Each image, divided by its length, less the mean of the training images, projected.
+
+    A subclass learns `mean_`, of shape (n_pixels,), and `components_`, (n_features, n_pixels).
+    """
+
+    mean_: NDArray
+    components_: NDArray
+    _min_images = 2
+    _min_pixels = 2
+    _is_supervised = True
+
+    def transform(self, X: Any) -> NDArray[np.float64]:
+        """Projections of images.
+
+        Parameters
+        ----------
+        X : array of shape (n_images, height, width) or (n_images, height * width)
+
+        Returns
+        -------
+        ndarray of shape (n_images, n_features)
+        """
+        return project_images(self._images_to_transform(X), self.mean_, self.components_)
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """What `transform` needs, as plain arrays."""
+        check_is_fitted(self)
+        return {
+            "image_shape": np.array(self.image_shape_),
+            "brightest": np.array([self.grey_scale_, self.brightest_]),
+            "mean": np.asarray(self.mean_),
+            "components": np.asarray(self.components_),
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, ArrayLike]) -> Self:
+        """Features as those that `to_arrays` was called on.
+
+        Raises
+        ------
+        InvalidInputError
+            If an array is missing or the sizes disagree.
+        """
+        names = ("image_shape", "brightest", "mean", "components")
+        if missing := set(names) - set(arrays):
+            raise InvalidInputError(f"{cls.__name__} needs the array {min(missing)!r}.")
+        shape, brightest, mean, components = (np.asarray(arrays[name]) for name in names)
+        n_pixels = mean.size
+        if (
+            shape.shape != (2,)
+            or brightest.shape != (2,)
+            or mean.shape != (int(np.prod(shape)),)
+            or components.shape != (len(components), n_pixels)
+        ):
+            raise InvalidInputError(
+                f"A mean of {n_pixels} pixels and components of shape {components.shape} do not "
+                f"belong to images of {shape.tolist()}: the arrays are not of one family."
+            )
+        features = cls()
+        features.image_shape_ = int(shape[0]), int(shape[1])
+        features.n_features_in_ = n_pixels
+        features.grey_scale_, features.brightest_ = map(float, brightest)
+        features._restore(mean, components)
+        return features
+
+    def _restore(self, mean: NDArray, components: NDArray) -> None:
+        if "n_components" in self.get_params():
+            self.set_params(n_components=len(components))
+        self.mean_, self.components_ = mean, components
+
+    def __sklearn_tags__(self) -> Tags:
+        tags = super().__sklearn_tags__()
+        tags.target_tags.required = self._is_supervised
+        tags.target_tags.multi_output = self._is_supervised
+        return tags

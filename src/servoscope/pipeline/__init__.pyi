@@ -1,0 +1,9 @@
+from .feature_table import FeatureTable as FeatureTable
+from .forecasts import Candidate as Candidate
+from .forecasts import choose as choose
+from .forecasts import forecast as forecast
+from .forecasts import forecast_all as forecast_all
+from .pose_pipeline import PosePipeline as PosePipeline
+from .recipe import Recipe as Recipe
+from .training import Fitted as Fitted
+from .training import fit_all as fit_all

@@ -1,0 +1,160 @@
+"""What recipes are forecast to reach before anything is trained, and which are chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.errors import InvalidInputError
+from servoscope.pipeline.feature_table import FeatureTable
+from servoscope.pipeline.recipe import Recipe
+from servoscope.poses import DOFS
+from servoscope.processes import in_processes
+from servoscope.selection import Forecast, forecast_errors, forecast_from_folds
+from servoscope.selection.crossfit import Fold
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+HARDLY_BEHIND = 1.1
+"""A forecast up to this many times the least is as good for fewer features."""
+
+QUICK: dict[str, Any] = {"max_samples": 200, "max_iter": 15}
+"""How many samples choose a kernel and for how long: enough to compare recipes."""
+
+THOROUGH: dict[str, Any] = {"max_samples": 300, "max_iter": 40}
+"""The same for the forecast of a recipe that was chosen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A recipe that might be chosen, and what it is forecast to reach.
+
+    Parameters
+    ----------
+    recipe : Recipe
+    n_features : int
+    forecasts : dict of Forecast
+        By degree of freedom, each of one target.
+    """
+
+    recipe: Recipe
+    n_features: int
+    forecasts: Mapping[str, Forecast]
+
+
+def forecast(
+    table: FeatureTable,
+    targets: Array,
+    groups: Indices | None,
+    recipe: Recipe,
+    *,
+    n_jobs: int | None = 1,
+    max_samples: int = QUICK["max_samples"],
+    max_iter: int = QUICK["max_iter"],
+) -> Forecast:
+    """The errors that a Gaussian process on a recipe's features will reach on new images.
+
+    For features that need no fitting the forecast is in closed form; those that are fitted to
+    images are taken from the folds of the table.
+
+    Parameters
+    ----------
+    table : FeatureTable
+    targets : ndarray of shape (n_images, n_targets)
+        In any unit.
+    groups : ndarray of shape (n_images,), optional
+        Images that belong together, and are left out together.
+    recipe : Recipe
+        With any regressor.
+    n_jobs, max_samples, max_iter
+        As of `servoscope.selection.forecast_errors`.
+
+    Raises
+    ------
+    InvalidInputError
+        If the features are fitted to images and the table has no folds.
+    """
+    effort = {"max_samples": max_samples, "max_iter": max_iter}
+    return _forecast(*_parts(table, targets, groups, recipe), effort, n_jobs)
+
+
+def forecast_all(
+    table: FeatureTable,
+    targets: Array,
+    groups: Indices | None,
+    jobs: Sequence[tuple[Recipe, str]],
+    *,
+    dofs: Sequence[str] = DOFS,
+    effort: Mapping[str, int] = QUICK,
+    n_jobs: int | None = -1,
+    on_progress: Callable[[int], object] | None = None,
+) -> list[Forecast]:
+    """The forecast of every recipe for a degree of freedom; see `forecast`."""
+    calls = [
+        (*_parts(table, targets[:, [list(dofs).index(dof)]], groups, recipe), effort, 1)
+        for recipe, dof in jobs
+    ]
+    found: list[Forecast] = []
+    for one in in_processes(_forecast, calls, n_jobs, batch_size=1):
+        found.append(one)
+        if on_progress is not None:
+            on_progress(len(found))
+    return found
+
+
+def choose(candidates: Mapping[str, Candidate]) -> dict[str, str]:
+    """For every dof the candidate of fewest features that is hardly behind the best forecast.
+
+    Parameters
+    ----------
+    candidates : dict of Candidate
+        With forecasts of the same dofs.
+
+    Returns
+    -------
+    dict of str
+        Name of a candidate by dof.
+    """
+    chosen = {}
+    for dof in next(iter(candidates.values())).forecasts if candidates else ():
+        rms = {name: float(one.forecasts[dof].rms[0]) for name, one in candidates.items()}
+        limit = HARDLY_BEHIND * min(rms.values())
+        good = [name for name, error in rms.items() if error <= limit]
+        chosen[dof] = min(good, key=lambda name: candidates[name].n_features)
+    return chosen
+
+
+def _parts(
+    table: FeatureTable, targets: Array, groups: Indices | None, recipe: Recipe
+) -> tuple[Any, ...]:
+    learn, columns = table.learn, table.columns(recipe)
+    is_learned = table.is_learned(recipe)
+    if is_learned and not table.folds:
+        raise InvalidInputError(
+            f"The features {recipe.name} are fitted to images: their forecast needs a feature "
+            "table with folds."
+        )
+    own = None if groups is None else groups[learn]
+    folds = table.folds if is_learned else ()
+    return table.values, learn, columns, folds, targets[learn], own
+
+
+def _forecast(
+    values: Array,
+    learn: Indices,
+    columns: Indices,
+    folds: Sequence[Fold],
+    targets: Array,
+    groups: Indices | None,
+    effort: Mapping[str, int],
+    n_jobs: int | None,
+) -> Forecast:
+    options: dict[str, Any] = {"groups": groups, "n_jobs": n_jobs, **effort}
+    if folds:
+        return forecast_from_folds(folds, targets, columns=columns, **options)
+    return forecast_errors(values[np.ix_(learn, columns)], targets, **options)
