@@ -25,7 +25,7 @@ from servoscope.poses import (
     inverse_transform,
     poses_from_displacements,
 )
-from servoscope.requested_accuracy import parse_accuracy
+from servoscope.tolerances import parse_accuracy
 from servoscope.scene.render import render
 from servoscope.scene.scene import T_WORLD_REF, Scene
 

@@ -25,7 +25,7 @@ from servoscope.poses import (
     inverse_transform,
     poses_from_displacements,
 )
-from servoscope.requested_accuracy import RequestedAccuracy, parse_accuracy
+from servoscope.tolerances import RequestedAccuracy, parse_accuracy
 
 PIVOT = 0.1
 RANGES = np.array([0.02] * 3 + [np.radians(8)] * 3)

@@ -21,7 +21,7 @@ ROOMS = (
     ("poses",),
     ("dofs",),
     ("kernels",),
-    ("data", "requested_accuracy"),
+    ("data", "tolerances"),
     ("scene", "formats"),
     ("robots",),
     ("acquisition_config",),

@@ -35,8 +35,8 @@ from servoscope.keyframe import (
 )
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS, displacements_from_poses
 from servoscope.processes import in_processes
-from servoscope.requested_accuracy import RequestedAccuracy
 from servoscope.storage.stacks import create_stack
+from servoscope.tolerances import RequestedAccuracy
 
 Array = NDArray[np.float64]
 Images = NDArray[np.uint8]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from decimal import Decimal
 
 
 def listing(words: Sequence[str]) -> str:
@@ -49,3 +50,14 @@ def printable(text: str) -> str:
     'a?[2J b'
     """
     return "".join(c if c.isprintable() or c == "\n" else " " if c.isspace() else "?" for c in text)
+
+
+def plain_number(value: float) -> str:
+    """Two significant digits, without an exponent.
+
+    Examples
+    --------
+    >>> plain_number(113.4), plain_number(0.00456), plain_number(0.5)
+    ('110', '0.0046', '0.5')
+    """
+    return f"{Decimal(f'{value:.2g}'):f}"

@@ -30,7 +30,7 @@ def decision(plane):
 @pytest.mark.slow
 def test_forecasts_agree_with_what_is_reached(decision):
     for row in decision["dofs"].values():
-        assert row["told"] in ("well", "roughly")
+        assert row["observable"] in ("well", "roughly")
         assert 0.5 < row["forecast_rms"] / row["reached_rms"] < 2
         low, high = row["interval"]
         assert low < row["forecast_rms"] < high
@@ -46,9 +46,9 @@ def test_errors_are_told_in_mm_and_degrees(decision):
 
 
 @pytest.mark.slow
-def test_wishes_decide_what_is_advised(decision):
+def test_tolerances_decide_what_is_advised(decision):
     rows = decision["dofs"]
-    assert rows["tx"]["wanted"] == 1e-3
+    assert rows["tx"]["tolerance"] == 1e-3
     assert any("do not bring 0.001 mm" in line for line in rows["tx"]["advice"])
     assert not any("bring 90" in line for line in rows["rz"]["advice"])
 
@@ -70,7 +70,7 @@ def test_of_images_that_do_not_change_nothing_can_be_learned(plane, grey):
     for row in found["dofs"].values():
         assert row["limited_by"] == "images do not change"
         assert row["forecast_rms"] == pytest.approx(row["baseline_rms"], rel=0.02)
-        assert row["told"] == "not"
+        assert row["observable"] == "not"
         assert row["advice"][0].startswith("nothing can be learned")
 
 
@@ -87,7 +87,7 @@ def test_what_never_moves_has_no_forecast(plane):
     found = decide(replace(plane, T_world_cam=still), {"tx": 1.0})
     for row in found["dofs"].values():
         assert (row["forecast_rms"], row["limited_by"]) == (None, "never moves")
-    assert found["dofs"]["tx"]["wanted"] == 1.0
+    assert found["dofs"]["tx"]["tolerance"] == 1.0
 
 
 @pytest.mark.parametrize("where", ["train", "test"])
@@ -100,7 +100,7 @@ def test_what_moves_in_a_single_image_breaks_nothing(where):
         images[:-1], poses_from_displacements(np.eye(4), delta_p, PIVOT), np.eye(4), images[-1]
     )
     row = decide(data, families=["moments"])["dofs"]["rz"]
-    assert (row["told"] == "still") == (where == "test")
+    assert (row["observable"] == "still") == (where == "test")
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,3 @@
 from .outcome import Assessment as Assessment
 from .result import as_json as as_json
 from .run import assess as assess
-from .wishes import parse_wishes as parse_wishes

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from servoscope.assessment.verdict import WELL
+from servoscope.wording import plain_number
 
 LEAST_GAIN = 0.1
 """What would change an error by less than this share is not worth saying."""
@@ -14,8 +14,8 @@ LEAST_GAIN = 0.1
 MUCH = 2.0
 """A disturbance that multiplies an error by more than this is worth a warning."""
 
-FARTHEST = 10.0
-"""Nobody moves so many times as far; what is told so badly may not be told at all."""
+MOST_LINES = 3
+"""Of advice for one dof."""
 
 
 @dataclass(frozen=True)
@@ -29,22 +29,18 @@ class Findings:
     rms, reached : float
         Forecast, and on the test images.
     baseline : float
-        Error of always answering the mean.
-    wished : float or None
+        Error of predicting the mean.
+    tolerance : float or None
     n_images : int
         Learned from.
-    told : str
+    observable : str
         How well, see `grade`.
-    share_left : float
-        Error, over all images, as a share of `baseline`: what `told` goes by.
     family : str
-        Title of the features that tell it best.
-    others : dict
-        Forecasts of other candidates by title.
+        Title of the features that predict it best.
     at_twice, at_five_times : float
         Forecasts with more images.
-    images_for_wish : int or None
-        How many images the wish needs; None if images alone do not fulfil it.
+    images_for_tolerance : int or None
+        How many images the tolerance needs; None if images alone do not meet it.
     without_border : float or None
         Forecast from the middle of the view.
     inner : float or None
@@ -55,86 +51,122 @@ class Findings:
         What a forecast says that takes images of one sequence for independent ones.
     disturbed : dict
         Errors on disturbed test images by what disturbs them, in words.
+    view_limit : float or None
+        What no estimate from one image goes below.
+    keyframe, loop : float or None
+        RMS error of one image by a keyframe, and at the end of the rehearsed loop.
     """
 
     unit: str
     rms: float
     reached: float
     baseline: float
-    wished: float | None
+    tolerance: float | None
     n_images: int
-    told: str
-    share_left: float
+    observable: str
     family: str
-    others: Mapping[str, float]
     at_twice: float
     at_five_times: float
-    images_for_wish: int | None
+    images_for_tolerance: int | None
     without_border: float | None
     inner: float | None
     period_px: float | None
     at_random: float | None
     disturbed: Mapping[str, float]
+    view_limit: float | None = None
+    keyframe: float | None = None
+    loop: float | None = None
 
     @property
     def is_met(self) -> bool:
-        """Whether forecast and test both fulfil the wish; True where there is none."""
-        return self.wished is None or max(self.rms, self.reached) <= self.wished
+        """Whether forecast and test both meet the tolerance; True where there is none."""
+        return self.tolerance is None or max(self.rms, self.reached) <= self.tolerance
+
+    @property
+    def is_met_by_keyframe(self) -> bool:
+        """Whether a keyframe meets it, in one look or at the end of the loop."""
+        best = min((e for e in (self.keyframe, self.loop) if e is not None), default=None)
+        return best is not None and self.tolerance is not None and best <= self.tolerance
 
 
 def advise(found: Findings) -> list[str]:
-    """Sentences on what stands in the way, what would help most, and what to beware of."""
-    helps = sorted(_helps(found), key=lambda item: item[0])
-    return [*_obstacles(found), *(text for _, text in helps), *_warnings(found)]
+    """What stands in the way, what would help most, and what to beware of: three lines at most.
+
+    Where the view itself is the limit, nothing else can help, and nothing else is said.
+    """
+    if found.tolerance is not None and _above(found.view_limit, found.tolerance):
+        return [
+            f"no image of this view tells it better than {_says(found.view_limit, found)}: come "
+            "nearer, or use a longer lens or more pixels"
+        ]
+    helps = sorted([*_by_keyframe(found), *_helps(found)], key=lambda item: item[0])
+    lines = [*_obstacles(found), *(text for _, text in helps), *_warnings(found)]
+    return lines[:MOST_LINES]
+
+
+def _above(limit: float | None, tolerance: float) -> bool:
+    return limit is not None and limit > tolerance
+
+
+def _by_keyframe(found: Findings) -> Iterator[tuple[float, str]]:
+    """What a keyframe brings that these features do not."""
+    if found.loop is not None and (found.tolerance is None or found.is_met_by_keyframe):
+        if not found.is_met or found.loop < (1 - LEAST_GAIN) * found.rms:
+            yield (
+                found.loop,
+                f"position by a keyframe: the loop ends at {_says(found.loop, found)}",
+            )
+    elif found.keyframe is not None and found.keyframe < (1 - LEAST_GAIN) * found.reached:
+        yield (
+            found.keyframe,
+            f"read it by a keyframe: {_says(found.keyframe, found)} from one image",
+        )
 
 
 def _obstacles(found: Findings) -> Iterator[str]:
     """What has to go before anything else can help."""
-    if found.period_px is not None and found.told != "well":
+    if found.period_px is not None:
         yield (
-            f"the view repeats every {found.period_px:.0f} px: start closer than half of that, "
-            "or bring something into view that stands there once"
+            f"errors cluster where the view repeats, every {found.period_px:.0f} px: start closer "
+            "than half of that, or bring something into view that stands there once"
         )
-    elif found.told == "not":
+    elif found.observable == "not" and found.keyframe is None:
         yield (
-            f"nothing here tells it: {_says(found.baseline, found)} is what answering the mean "
-            "reaches; see whether the part is in view and sharp, and try another view"
+            f"no feature predicts it better than its mean, {_says(found.baseline, found)}: see "
+            "whether the part is in view and sharp, and try another view"
         )
 
 
 def _helps(found: Findings) -> Iterator[tuple[float, str]]:
     """Errors that are hoped for, and how."""
-    if found.told == "not":
-        yield from _longer_range(found)
+    if found.observable == "not":
         return
     yield from _more_images(found)
     yield from _wider_view(found)
-    # Whatever is hardly told errs less near the mean, which is what is answered.
-    is_told = found.told in ("well", "roughly")
-    if is_told and found.inner is not None and found.inner < (1 - LEAST_GAIN) * found.rms:
+    # Whatever is hardly observable errs less near the mean, which is what is predicted.
+    is_observable = found.observable in ("well", "roughly")
+    if is_observable and found.inner is not None and found.inner < (1 - LEAST_GAIN) * found.rms:
         yield (
             found.inner,
             f"approach in two stages: within half the range it is {_says(found.inner, found)}",
         )
-    if found.told != "well":
-        yield from _longer_range(found)
 
 
 def _more_images(found: Findings) -> Iterator[tuple[float, str]]:
-    if found.wished is not None and not found.is_met:
-        if found.rms <= found.wished:
+    if found.tolerance is not None and not found.is_met:
+        if found.rms <= found.tolerance:
             yield (
-                found.wished,
-                f"the forecast fulfils the wish, the {_says(found.reached, found)} of the test "
+                found.tolerance,
+                f"the forecast meets the tolerance, the {_says(found.reached, found)} of the test "
                 "images do not: test on more",
             )
-        elif found.images_for_wish is not None:
-            more = _two_digits(max(found.images_for_wish - found.n_images, 1))
-            yield found.wished, f"about {more} more images bring {_says(found.wished, found)}"
+        elif found.images_for_tolerance is not None:
+            more = _two_digits(max(found.images_for_tolerance - found.n_images, 1))
+            yield found.tolerance, f"about {more} more images bring {_says(found.tolerance, found)}"
         else:
             yield (
                 found.at_five_times,
-                f"images alone do not bring {_says(found.wished, found)}: five times as many "
+                f"images alone do not bring {_says(found.tolerance, found)}: five times as many "
                 f"bring {_says(found.at_five_times, found)}",
             )
     elif found.at_five_times < (1 - LEAST_GAIN) * found.rms:
@@ -153,54 +185,33 @@ def _wider_view(found: Findings) -> Iterator[tuple[float, str]]:
         hoped = found.rms / ratio
         yield (
             hoped,
-            f"a wider view helps: without the outer fifth of this one it is "
+            f"a wider view: without the outer fifth of this one it is "
             f"{_says(found.without_border, found)}, so a fifth more may bring "
             f"{_says(hoped, found)}",
         )
     elif ratio < 1 - LEAST_GAIN:
         yield (
             found.without_border,
-            f"a narrower view helps: the middle four fifths alone reach "
+            f"a narrower view: the middle four fifths alone reach "
             f"{_says(found.without_border, found)}",
         )
 
 
-def _longer_range(found: Findings) -> Iterator[tuple[float, str]]:
-    """How far a dof has to move to be told well by features that stay as noisy as they are.
-
-    An error is less than the features' own noise alone makes, since the range bounds it as well:
-    in squares, their inverses add.
-    """
-    if found.share_left >= 1:
-        return
-    factor = ((WELL**-2 - 1) / (found.share_left**-2 - 1)) ** 0.5
-    if 1 < factor <= FARTHEST:
-        yield (
-            found.baseline,
-            f"a longer range: with features as noisy as these it is told well once it moves "
-            f"{factor:.1f} times as far",
-        )
-
-
 def _warnings(found: Findings) -> Iterator[str]:
-    if found.others and found.told != "not":
-        title, rms = min(found.others.items(), key=lambda item: item[1])
-        if rms > (1 + LEAST_GAIN) * found.rms:
-            yield f"keep to {found.family}: {title} would reach {_says(rms, found)}"
-    if found.disturbed and found.told != "not":
-        title, rms = max(found.disturbed.items(), key=lambda item: item[1])
-        if rms > MUCH * found.rms:
-            yield f"beware of disturbances: {title} makes it {_says(rms, found)}"
     if found.at_random is not None and found.at_random < (1 - LEAST_GAIN) * found.rms:
         yield (
             f"these images are not independent: taken for independent they promise "
             f"{_says(found.at_random, found)}; take images at random poses"
         )
+    if found.disturbed and found.observable != "not":
+        title, rms = max(found.disturbed.items(), key=lambda item: item[1])
+        if rms > MUCH * found.rms:
+            yield f"beware of disturbances: {title} makes it {_says(rms, found)}"
 
 
 def _two_digits(number: int) -> int:
     return int(float(f"{number:.2g}"))
 
 
-def _says(value: float, found: Findings) -> str:
-    return f"{value:.2g} {found.unit}"
+def _says(value: float | None, found: Findings) -> str:
+    return f"{plain_number(value or 0.0)} {found.unit}"

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.assessment.image_facts import ImageFacts
+from servoscope.assessment.view import ViewFindings
 from servoscope.data.images import PoseImageSet
 from servoscope.data.independence import IndependentGroups
 from servoscope.data.splits import Split
@@ -29,7 +30,7 @@ class Assessment:
     images : ImageFacts
     candidates : dict of Candidate
     choice : dict
-        The candidate that tells each dof best, for those that move in the images learned from.
+        The candidate that predicts each dof best, for those that move in the images learned from.
     forecasts : dict of Forecast
         By dof, on the chosen features.
     fitted : dict of Fitted
@@ -48,6 +49,8 @@ class Assessment:
         Forecasts by dof from the middle of the view; None where it is too small.
     at_random : dict or None
         Forecasts by dof, as of the candidates, that take dependent images for independent ones.
+    view : ViewFindings or None
+        What a keyframe reaches; None if none explains the view.
     regressors, regressors_on_moments : list of Fitted
         Other regressors on the chosen features, and on the paper's; none unless asked for.
     """
@@ -67,6 +70,7 @@ class Assessment:
     disturbed: dict[str, dict[str, float]]
     without_border: dict[str, float | None] = field(repr=False)
     at_random: dict[str, float] | None
+    view: ViewFindings | None = field(repr=False)
     regressors: list[Fitted] = field(repr=False)
     regressors_on_moments: list[Fitted] = field(repr=False)
 

@@ -12,7 +12,16 @@ from servoscope.assessment.advice import Findings, advise
 from servoscope.assessment.budget import share_out
 from servoscope.assessment.disturbed import TITLES
 from servoscope.assessment.outcome import Assessment
-from servoscope.assessment.verdict import CONSTANT, STILL, conclude, grade, name_limit
+from servoscope.assessment.verdict import (
+    CONSTANT,
+    STILL,
+    arrives,
+    conclude,
+    grade,
+    is_met,
+    name_limit,
+)
+from servoscope.assessment.view import ViewFindings
 from servoscope.assessment.what_if import inner_rms
 from servoscope.features.catalogue import title_of
 from servoscope.pipeline import Fitted
@@ -21,42 +30,50 @@ from servoscope.selection import LearningCurve
 from servoscope.selection.rms_interval import rms_interval
 
 TIMES = (1, 2, 5, 10)
-"""Numbers of images, in those there are, at which the learning curve is told."""
+"""Numbers of images, in those there are, at which the learning curve is given."""
 
 
 LEAST_TESTED, CLEARLY_LESS = 30, 0.9
 
+_LARGE, _LEAST_LARGE = 4.0, 5
+_NEAR_PERIOD, _MOST_OF_LARGE = 0.2, 0.5
+
 
 def as_json(
-    found: Assessment, wishes: Mapping[str, float], label_errors: Mapping[str, float]
+    found: Assessment, tolerances: Mapping[str, float], label_errors: Mapping[str, float]
 ) -> dict[str, Any]:
     """What an assessment found, in mm and degrees.
 
     Parameters
     ----------
     found : Assessment
-    wishes, label_errors : dict
-        Wished RMS errors, and those of the poses that the robot tells, by dof, [mm] and [deg].
+    tolerances, label_errors : dict
+        RMS errors that are asked for, and those of the poses that the robot reports, by dof,
+        [mm] and [deg].
 
     Returns
     -------
     dict
-        ``dofs[dof]``, the decision; ``conclusion``, one sentence on all of them; ``images``,
-        what they are like; ``families``, ``regressors`` and ``disturbed``, the tables behind.
+        ``dofs[dof]``, the decision; ``conclusion``, the verdict on all of them; ``loop``, of the
+        rehearsal; ``images``, what they are like; ``families``, ``regressors`` and ``disturbed``,
+        the tables behind.
     """
     scale = dict(zip(DOFS, found.data.ranges() * DISPLAY_FACTORS, strict=True))
     dofs = {
-        dof: _decide(found, dof, scale[dof], wishes.get(dof), label_errors.get(dof))
+        dof: _decide(found, dof, scale[dof], tolerances.get(dof), label_errors.get(dof))
         if dof in found.choice
-        else _still(dof, wishes.get(dof))
+        else _still(dof, tolerances.get(dof))
         for dof in DOFS
     }
+    loop = None if found.view is None else found.view.loop
     return {
         "dofs": dofs,
         "warnings": list(_warnings(found)),
-        "conclusion": conclude(
-            {dof: row["share_left"] for dof, row in dofs.items() if dof in found.choice}
-        ),
+        "conclusion": conclude(dofs, loop),
+        "loop": loop,
+        "keyframe": None
+        if found.view is None
+        else {"n_read": found.view.n_read, "share_right": found.view.share_right},
         "images": _images(found),
         "families": {name: _family(found, name, scale) for name in found.candidates},
         "regressors": _regressors(found.regressors, scale),
@@ -90,7 +107,7 @@ def _warnings(found: Assessment) -> Iterator[str]:
         yield f"Exact copies of other images: {found.images.n_copies}. Was the camera frozen?"
 
 
-def _still(dof: str, wished: float | None) -> dict[str, Any]:
+def _still(dof: str, tolerance: float | None) -> dict[str, Any]:
     """A dof of which nothing can be said."""
     return {
         "forecast_rms": None,
@@ -101,20 +118,23 @@ def _still(dof: str, wished: float | None) -> dict[str, Any]:
         "limited_by": STILL,
         "best_features": [],
         "advice": ["take images in which it moves"],
-        "told": "still",
-        "wanted": wished,
-        "met": None,
+        "observable": "still",
+        "tolerance": tolerance,
+        "one_look": None,
+        "view_limit": None,
+        "loop": None,
+        "met_in_one_look": is_met(None, {"tolerance": tolerance}),
+        "met_in_loop": is_met(None, {"tolerance": tolerance}),
     }
 
 
 def _decide(
-    found: Assessment, dof: str, scale: float, wished: float | None, label_error: float | None
+    found: Assessment, dof: str, scale: float, tolerance: float | None, label_error: float | None
 ) -> dict[str, Any]:
     i, name = DOFS.index(dof), found.choice[dof]
     forecast, fitted, curve = found.forecasts[dof], found.fitted[dof], found.curves[dof]
     rms, baseline = float(forecast.rms[0]), float(forecast.baseline[0])
-    left = _share_left(found, rms, fitted.test_rms, baseline)
-    told = grade(left)
+    observable = grade(_share_left(found, rms, fitted.test_rms, baseline))
     images = {times: rms * _falls_to(curve, times) for times in TIMES}
     budget = share_out(
         rms,
@@ -123,24 +143,36 @@ def _decide(
         at_ten_times=images[10],
         best_regressor=_best_regressor(found, dof, rms),
     )
-    findings = _find(found, dof, scale, wished, images, left)
-    return {
+    findings = _find(found, dof, scale, tolerance, images, observable)
+    reached = {
+        "rms": fitted.test_rms * scale,
+        "interval": _reached_interval(found, dof, scale),
+        "by": "features",
+    }
+    row = {
         "forecast_rms": rms * scale,
         "interval": (forecast.interval[:, 0] * scale).tolist(),
-        "reached_rms": fitted.test_rms * scale,
-        "reached_interval": _reached_interval(found, dof, scale),
+        "reached_rms": reached["rms"],
+        "reached_interval": reached["interval"],
         "unit": DISPLAY_UNITS[i],
         "limited_by": CONSTANT
         if not found.images.change
-        else name_limit(told, budget, found.images.repetition),
+        else name_limit(
+            observable,
+            budget,
+            is_at_period=findings.period_px is not None,
+            rms=fitted.test_rms * scale,
+            view_limit=findings.view_limit,
+        ),
         "best_features": list(found.best_features[dof]),
         "advice": advise(findings)
         if found.images.change
         else ["nothing can be learned: every image is the same; check camera and exposure"],
-        "told": told,
-        "share_left": left,
-        "wanted": wished,
-        "met": None if wished is None else findings.is_met,
+        "observable": observable,
+        "tolerance": tolerance,
+        "one_look": reached,
+        "view_limit": findings.view_limit,
+        "loop": None,
         "family": title_of(name),
         "baseline_rms": baseline * scale,
         "coverage_95": fitted.coverage,
@@ -149,6 +181,26 @@ def _decide(
         "learning_curve": {
             "n_images": [times * int(curve.n_images[-1]) for times in TIMES],
             "rms": [images[times] * scale for times in TIMES],
+        },
+    }
+    if found.view is not None:
+        row |= _by_keyframe(found.view, dof, reached)
+    is_arriving = found.view is not None and arrives(found.view.loop)
+    row["met_in_one_look"] = is_met(row["one_look"]["rms"], row)
+    row["met_in_loop"] = is_met(findings.loop if is_arriving else None, row)
+    return row
+
+
+def _by_keyframe(view: ViewFindings, dof: str, reached: dict[str, Any]) -> dict[str, Any]:
+    """What a keyframe says of a dof; one look is by it or by features, whichever errs less."""
+    by_keyframe = {"rms": view.rms[dof], "interval": list(view.interval[dof]), "by": "keyframe"}
+    ends, loop = view.loop["end_rms"], view.loop
+    return {
+        "one_look": min(by_keyframe, reached, key=lambda look: look["rms"]),
+        "loop": {
+            "end_rms": None if ends is None else ends[dof],
+            "success": loop["success"],
+            "moves": loop["moves"],
         },
     }
 
@@ -165,45 +217,61 @@ def _find(
     found: Assessment,
     dof: str,
     scale: float,
-    wished: float | None,
+    tolerance: float | None,
     images: Mapping[int, float],
-    share_left: float,
+    observable: str,
 ) -> Findings:
     i, name = DOFS.index(dof), found.choice[dof]
     forecast, curve, candidate = found.forecasts[dof], found.curves[dof], found.candidates[name]
-    narrower, repetition = found.without_border.get(dof), found.images.repetition
+    narrower, view = found.without_border.get(dof), found.view
     level = _ratio(
         images[1], float(candidate.forecasts[dof].rms[0])
     )  # of full effort over a glance
     on_curve = _ratio(float(curve.rms_at(curve.n_images[-1]).rms[0]), images[1])
+    ends = None if view is None else view.loop["end_rms"]
     return Findings(
         unit=DISPLAY_UNITS[i],
         rms=images[1] * scale,
         reached=found.fitted[dof].test_rms * scale,
         baseline=float(forecast.baseline[0]) * scale,
-        wished=wished,
+        tolerance=tolerance,
         n_images=int(curve.n_images[-1]),
-        told=grade(share_left),
-        share_left=share_left,
+        observable=observable,
         family=title_of(name),
-        others={
-            title_of(other): float(one.forecasts[dof].rms[0]) * scale
-            for other, one in found.candidates.items()
-            if other == "moments" and other != name
-        },
         at_twice=images[2] * scale,
         at_five_times=images[5] * scale,
-        images_for_wish=None if wished is None else curve.images_for(on_curve * wished / scale)[0],
+        images_for_tolerance=None
+        if tolerance is None
+        else curve.images_for(on_curve * tolerance / scale)[0],
         without_border=None if narrower is None else level * narrower * scale,
         inner=_scaled(inner_rms(forecast.residuals[:, 0], found.learned_targets[:, i]), scale),
-        period_px=float(np.hypot(*repetition.shift)) if repetition.repeats else None,
+        period_px=_period_of_errors(found, dof, scale),
         at_random=None if found.at_random is None else level * found.at_random[dof] * scale,
         disturbed={
             TITLES[disturbance]: errors[dof] * scale
             for disturbance, errors in found.disturbed.items()
             if disturbance != "clean"
         },
+        view_limit=None if view is None else view.limit[dof],
+        keyframe=None if view is None else view.rms[dof],
+        loop=None if ends is None else ends[dof],
     )
+
+
+def _period_of_errors(found: Assessment, dof: str, scale: float) -> float | None:
+    """The period of the view in pixels, if the large errors of a translation cluster at it."""
+    shift = found.images.repetition.shift
+    if not found.images.repetition.repeats or found.view is None or dof not in ("tx", "ty"):
+        return None
+    keyframe = found.view.model.keyframe
+    focal = keyframe.camera.f * keyframe.reference_image.shape[1]
+    period_px = float(np.hypot(*shift))
+    period = 1e3 * period_px / focal / float(np.median(keyframe.inverse_depth))
+    errors = np.abs(found.forecasts[dof].residuals[:, 0]) * scale
+    large = errors[errors > _LARGE * np.median(errors)]
+    near = np.abs(large - period) < _NEAR_PERIOD * period
+    is_cluster = len(large) >= _LEAST_LARGE and near.mean() > _MOST_OF_LARGE
+    return period_px if is_cluster else None
 
 
 def _scaled(value: float | None, scale: float) -> float | None:
@@ -211,7 +279,7 @@ def _scaled(value: float | None, scale: float) -> float | None:
 
 
 def _share_left(found: Assessment, forecast: float, reached: float, baseline: float) -> float:
-    """Error, over all images, as a share of that of always answering the mean."""
+    """Error, over all images, as a share of that of predicting the mean."""
     n_test = len(found.split.test)
     n_learned = len(found.split.train) + len(found.split.validation)
     squares = n_learned * forecast**2 + n_test * reached**2

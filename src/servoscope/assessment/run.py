@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from servoscope.assessment.disturbed import disturbed_errors, noise_errors
 from servoscope.assessment.image_facts import describe_images
 from servoscope.assessment.outcome import Assessment
+from servoscope.assessment.view import ViewFindings, examine_view
 from servoscope.assessment.what_if import crop_centre
 from servoscope.data.images import PoseImageSet
 from servoscope.data.independence import (
@@ -167,6 +168,7 @@ class _Course:
             disturbed=disturbed,
             without_border=self._without_border(recipes),
             at_random=self._at_random(table, recipes),
+            view=self._view() if images.change and self.moving else None,
             regressors=self._regressors(table, recipes, COMPARED),
             regressors_on_moments=self._regressors(
                 table, dict.fromkeys(recipes, Recipe("moments")), tuple(REGRESSORS.built_in)
@@ -242,6 +244,17 @@ class _Course:
                 n_jobs=self.n_jobs,
                 on_progress=advance,
             )
+
+    def _view(self) -> ViewFindings | None:
+        return examine_view(
+            self.data,
+            self.split.learned,
+            self.split.test,
+            self.groups,
+            seed=self.seed,
+            n_jobs=self.n_jobs,
+            progress=self.progress,
+        )
 
     def _pipeline(
         self, table: FeatureTable, fitted: list[Fitted], forecasts: dict[str, Forecast]

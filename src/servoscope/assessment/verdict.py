@@ -1,18 +1,17 @@
-"""How well a degree of freedom is told, and what stands in the way of more."""
+"""How well each degree of freedom is observable, what limits it, and the verdict on all."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from servoscope.assessment.budget import ErrorBudget
-from servoscope.assessment.repetition import Repetition
-from servoscope.poses import DOFS
-from servoscope.wording import listing
+from servoscope.wording import listing, plain_number
 
 WELL, ROUGHLY, HARDLY = 0.25, 0.6, 0.9
-"""Shares of the error of answering the mean, up to which a dof is told well, roughly, hardly."""
+"""Shares of the error of predicting the mean, up to which a dof is observable so well."""
 
 GRADES = ("well", "roughly", "hardly", "not")
 
@@ -25,22 +24,28 @@ LIMITS = {
 }
 """What the largest share of the error budget is called."""
 
-STILL, CONSTANT, UNTOLD, REPEATING = (
+STILL, CONSTANT, UNPREDICTED, REPEATING = (
     "never moves",
     "images do not change",
-    "nothing tells it",
+    "no feature predicts it",
     "repeating pattern",
 )
-"""Limits that no budget tells."""
+"""Limits that are in no budget."""
+
+VIEW = "the view itself"
+"""The limit of what is read nearly as well as the grey levels allow."""
+
+_NEAR_LIMIT = 2.0
+_ENOUGH_ARRIVE = 0.9
 
 
 def grade(share: float) -> str:
-    """How well a dof is told, one of `GRADES`.
+    """How well a dof is observable, one of `GRADES`.
 
     Parameters
     ----------
     share : float
-        RMS error over that of always answering the mean.
+        RMS error over that of predicting the mean.
 
     Examples
     --------
@@ -53,88 +58,104 @@ def grade(share: float) -> str:
     return "not"
 
 
-def name_limit(told: str, budget: ErrorBudget, repetition: Repetition) -> str:
+def name_limit(
+    observable: str,
+    budget: ErrorBudget,
+    *,
+    is_at_period: bool = False,
+    rms: float = np.inf,
+    view_limit: float | None = None,
+) -> str:
     """What limits a dof that moves in images that change.
 
     Parameters
     ----------
-    told : str
+    observable : str
         Its grade.
     budget : ErrorBudget
-    repetition : Repetition
-        Of the reference image; it counts where the dof is not told well.
+    is_at_period : bool
+        Whether its errors cluster where the view repeats.
+    rms, view_limit : float
+        Its error, and what no estimate from one image goes below.
     """
-    if repetition.repeats and told != "well":
+    if view_limit is not None and rms <= _NEAR_LIMIT * view_limit:
+        return VIEW
+    if is_at_period:
         return REPEATING
-    if told == "not":
-        return UNTOLD
+    if observable == "not":
+        return UNPREDICTED
     return LIMITS[budget.largest]
 
 
-def conclude(shares: Mapping[str, float]) -> str:
-    """One sentence on all dofs that move.
+def conclude(dofs: Mapping[str, Mapping[str, Any]], loop: Mapping[str, Any] | None) -> str:
+    """The verdict on all dofs, one or two sentences.
 
     Parameters
     ----------
-    shares : dict
-        RMS error of each over that of always answering the mean. Translations or rotations as a
-        kind are judged by the geometric mean of theirs.
-
-    Examples
-    --------
-    >>> conclude(dict(tx=0.7, ty=0.95, tz=0.8, rx=0.1, ry=0.4, rz=0.5))
-    'Rotations are told, translations are not (27 % and 81 % of the error of the mean are left): \
-tx and tz hardly, ty not at all.'
-    >>> conclude(dict.fromkeys(("tx", "ty", "tz", "rx", "ry", "rz"), 1.0))
-    'Nothing can be learned from these images.'
+    dofs : dict
+        Rows of `servoscope.assessment.as_json`.
+    loop : dict or None
+        Of the rehearsed loop, see `ViewFindings`.
     """
-    told = {dof: grade(share) for dof, share in shares.items()}
-    poor = {dof: name for dof, name in told.items() if name in ("hardly", "not")}
-    if not told:
+    moving = {dof: row for dof, row in dofs.items() if row["forecast_rms"] is not None}
+    asked = {dof: row for dof, row in dofs.items() if row["tolerance"] is not None}
+    if not moving:
         return "Nothing can be learned from these images: nothing moves."
-    if all(name == "not" for name in told.values()):
-        return "Nothing can be learned from these images."
-    if not poor:
-        which = "" if len(told) == len(DOFS) else " that moves"
-        roughly = [dof for dof, name in told.items() if name == "roughly"]
-        return f"Every degree of freedom{which} is told{_except(roughly)}."
-    kinds = _kinds(shares)
-    if len(kinds) == 2 and min(kinds.values()) <= ROUGHLY < max(kinds.values()):
-        good, bad = sorted(kinds, key=lambda kind: kinds[kind])
-        left = f"{100 * kinds[good]:.0f} % and {100 * kinds[bad]:.0f} %"
-        return (
-            f"{good.capitalize()} are told, {bad} are not ({left} of the error of the mean are "
-            f"left): {_poor(poor)}."
-        )
-    good_ones = [dof for dof in told if dof not in poor]
-    verb = "is" if len(good_ones) == 1 else "are"
-    if not good_ones:
-        return f"Little can be learned from these images: {_poor(poor)}."
-    return f"{listing(good_ones)} {verb} told; {_poor(poor)}."
+    if asked:
+        return _on_tolerances(asked, loop)
+    if loop is None:
+        return f"From features alone: {_on_observability(moving)} No keyframe explains the view."
+    return f"{_on_loop(loop)} From features, one image each: {_on_observability(moving)}"
 
 
-def _kinds(shares: Mapping[str, float]) -> dict[str, float]:
-    """Geometric mean of the shares of translations and of rotations, where they move."""
-    kinds = {"translations": "t", "rotations": "r"}
-    of_kind = {
-        kind: [share for dof, share in shares.items() if dof[0] == letter]
-        for kind, letter in kinds.items()
-    }
-    return {
-        kind: float(np.exp(np.mean(np.log(np.maximum(values, 1e-12)))))
-        for kind, values in of_kind.items()
-        if values
-    }
+def is_met(error: float | None, row: Mapping[str, Any]) -> bool | None:
+    """Whether an error is within the tolerance of a dof; None where none was asked for."""
+    if row["tolerance"] is None:
+        return None
+    return error is not None and error <= row["tolerance"]
 
 
-def _except(roughly: list[str]) -> str:
-    return f", {listing(roughly)} only roughly" if roughly else " well"
+def arrives(loop: Mapping[str, Any] | None) -> bool:
+    """Whether nearly all rehearsed starts arrive."""
+    return loop is not None and loop["success"] >= _ENOUGH_ARRIVE
 
 
-def _poor(poor: Mapping[str, str]) -> str:
+def _on_tolerances(asked: Mapping[str, Mapping[str, Any]], loop: Mapping[str, Any] | None) -> str:
+    n = len(asked)
+    in_look = sum(bool(row["met_in_one_look"]) for row in asked.values())
+    in_loop = sum(bool(row["met_in_loop"]) for row in asked.values())
+    if loop is None:
+        said = f"{in_look} of {n} tolerances met in one look"
+        said += "; the loop is not forecast, as no keyframe explains the view"
+    else:
+        said = f"{in_loop} of {n} tolerances met in the loop, {in_look} of {n} in one look"
+    missed = [
+        row
+        for row in asked.values()
+        if not row["met_in_loop" if loop is not None else "met_in_one_look"]
+    ]
+    if not missed:
+        return f"{said}; next: train a model, servoscope train."
+    advice = next((row["advice"][0] for row in missed if row["advice"]), "take more images")
+    return f"{said}; next: {advice}."
+
+
+def _on_loop(loop: Mapping[str, Any]) -> str:
+    n_starts = loop["starts"]
+    arrived = f"{round(loop['success'] * n_starts)} of {n_starts} rehearsed starts arrive"
+    if not arrives(loop):
+        return f"The loop is not safe: {arrived}."
+    mm, deg = plain_number(loop["end_mm"]), plain_number(loop["end_deg"])
+    return f"The loop is forecast to end {mm} mm and {deg} deg from the reference; {arrived}."
+
+
+def _on_observability(rows: Mapping[str, Mapping[str, Any]]) -> str:
     parts = []
-    for grade, words in (("hardly", "hardly"), ("not", "not at all")):
-        dofs = [dof for dof, told in poor.items() if told == grade]
+    for name, words in (("well", "well"), ("roughly", "roughly"), ("hardly", "hardly")):
+        dofs = [dof for dof, row in rows.items() if row["observable"] == name]
         if dofs:
-            parts.append(f"{listing(dofs)} {words}")
-    return ", ".join(parts)
+            parts.append(f"{listing(dofs)} {words} observable")
+    dofs = [dof for dof, row in rows.items() if row["observable"] == "not"]
+    if dofs:
+        parts.append(f"{listing(dofs)} not observable")
+    return f"{'; '.join(parts)}."

@@ -74,7 +74,7 @@ def acquire(
     from servoscope.dofs import parse_dofs
     from servoscope.errors import InvalidInputError
     from servoscope.poses import DOFS
-    from servoscope.requested_accuracy import parse_accuracy
+    from servoscope.tolerances import parse_accuracy
 
     request = None if until is None else parse_accuracy(until)
     if request is not None:

@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import arg
 
 from servoscope.commands.options import DataSet, Force, Jobs, Json, Protocol, Resume, RunOut
+
+Tolerance = Annotated[
+    str,
+    arg(
+        aliases=["--want"],
+        help="RMS errors that are asked for, such as tx=0.5mm,rz=0.1deg; t and r stand for all "
+        "three of a kind.",
+    ),
+]
 
 
 def assess(
     dataset: DataSet,
     out: RunOut = Path("servoscope-run"),
-    want: str = "",
+    tolerance: Tolerance = "",
     pose_error: str = "",
     families: str = "all",
     regressor: str = "gaussian_process",
@@ -28,12 +40,11 @@ def assess(
     The features and regressors that are chosen are trained and saved in the run's
     models/pipeline.
 
-    Example: servoscope assess desk --want t=1mm,rz=0.2deg --out desk-run
+    Example: servoscope assess desk --tolerance t=1mm,rz=0.2deg --out desk-run
 
     Args:
-        want: Wished RMS errors, such as tx=0.5mm,rz=0.1deg; t and r stand for all three of a kind.
-        pose_error: RMS errors of the poses that the robot tells, written like --want. Known of
-            simulated images; taken for 0 otherwise.
+        pose_error: RMS errors of the poses that the robot reports, written like --tolerance. Known
+            of simulated images; taken for 0 otherwise.
         families: Families of features to try, with commas between them, of moments, eigenfeatures,
             pose_covariance, least_squares, projections, log_polar, gradient, intensity, robust,
             tchebichef, lfa, and those of installed packages.
@@ -47,9 +58,8 @@ def assess(
     import warnings
     from dataclasses import asdict
 
-    from servoscope.assessment import parse_wishes
     from servoscope.commands.options import n_jobs, protocols
-    from servoscope.commands.run_assessment import run_assessment, told_label_errors
+    from servoscope.commands.run_assessment import reported_pose_errors, run_assessment
     from servoscope.commands.run_study import finish_run, print_run
     from servoscope.data.checks import check_data
     from servoscope.data.images import PoseImageSet
@@ -59,10 +69,11 @@ def assess(
     from servoscope.regression.registry import make_regressor
     from servoscope.study import StudyConfig
     from servoscope.study.run_folder import owned_run_folder
+    from servoscope.tolerances import parse_tolerances
 
     processes = n_jobs(jobs)
     config = StudyConfig(seed=seed, protocols=protocols(protocol))
-    wishes, label_errors = parse_wishes(want), parse_wishes(pose_error)
+    tolerances, label_errors = parse_tolerances(tolerance), parse_tolerances(pose_error)
     tried = parse_families(families)
     make_regressor(regressor)
     if out.resolve() in (dataset.resolve(), *dataset.resolve().parents):
@@ -75,7 +86,7 @@ def assess(
         warnings.warn(finding.text, ServoscopeWarning, stacklevel=2)
     data = mark_sequence(data)  # the study's random split would flatter
     settings = {"command": "assess", **asdict(config), "dataset": str(dataset.resolve())}
-    settings |= {"want": wishes, "pose_error": label_errors, "families": tried}
+    settings |= {"tolerance": tolerances, "pose_error": label_errors, "families": tried}
     settings |= {"regressor": regressor, "study": study}
     with owned_run_folder(out, settings, resume=resume, force=force) as run:
         assessment = run_assessment(
@@ -84,8 +95,8 @@ def assess(
             families=tried,
             regressor=regressor,
             seed=seed,
-            wishes=wishes,
-            label_errors=told_label_errors(data) | label_errors,
+            tolerances=tolerances,
+            label_errors=reported_pose_errors(data) | label_errors,
             compare=study,
             n_jobs=processes,
         )

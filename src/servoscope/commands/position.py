@@ -110,12 +110,12 @@ def position(
         move_timeout_s: How long a move may take.
         dry_run: Look once and tell the move, without making it.
     """
-    from servoscope.assessment import parse_wishes
     from servoscope.commands.output import print_json
     from servoscope.positioning import LoopSettings, PositioningModel
     from servoscope.positioning.interfaces import dofs_of
     from servoscope.scene.scene import T_WORLD_REF
     from servoscope.scoreboard.conditions import CONDITIONS
+    from servoscope.tolerances import parse_tolerances
 
     if condition not in CONDITIONS:
         raise InvalidInputError(
@@ -131,7 +131,7 @@ def position(
         max_moves=max_moves,
         tolerance_mm=tolerance_mm,
         tolerance_deg=tolerance_deg,
-        tolerances=parse_wishes(tolerance, dofs_of(trained)),
+        tolerances=parse_tolerances(tolerance, dofs_of(trained)),
         repeatability_mm=repeatability_mm,
         repeatability_deg=repeatability_deg,
         final_images=final_images,

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.markup import escape
 from rich.table import Table
 
 from servoscope.assessment import as_json, assess
@@ -19,6 +20,7 @@ from servoscope.errors import InvalidInputError, ServoscopeWarning
 from servoscope.files import write_json
 from servoscope.pipeline import PosePipeline
 from servoscope.poses import DISPLAY_UNITS, DOFS
+from servoscope.report.decision import reach_cells
 from servoscope.study.run import fingerprint
 from servoscope.study.run_folder import RunFolder, read_json
 
@@ -33,7 +35,7 @@ def run_assessment(
     regressor: str,
     seed: int,
     compare: bool,
-    wishes: Errors,
+    tolerances: Errors,
     label_errors: Errors,
     n_jobs: int,
 ) -> dict[str, Any]:
@@ -52,7 +54,7 @@ def run_assessment(
         )
         if found.pipeline is not None:
             _save(found.pipeline, models, data, found.independence.labels)
-        write_json(path, as_json(found, wishes, label_errors))
+        write_json(path, as_json(found, tolerances, label_errors))
 
     inputs = {"data": fingerprint(data), "settings": run.settings}
     run.run_stage("decision", inputs, make, [path.name])
@@ -71,38 +73,29 @@ def _save(
         warnings.warn(f"The pipeline is not saved. {error}", ServoscopeWarning, stacklevel=3)
 
 
-def told_label_errors(data: PoseImageSet) -> dict[str, float]:
-    """Errors of the poses that a simulated robot tells, [mm] and [deg]; nothing of a real one."""
-    told = {unit: data.source.get(f"repeatability_{unit}") for unit in ("mm", "deg")}
+def reported_pose_errors(data: PoseImageSet) -> dict[str, float]:
+    """Errors of the poses that a simulated robot reports, [mm] and [deg]; nothing of a real one."""
+    known = {unit: data.source.get(f"repeatability_{unit}") for unit in ("mm", "deg")}
     return {
         dof: float(error)
         for dof, unit in zip(DOFS, DISPLAY_UNITS, strict=True)
-        if isinstance(error := told[unit], int | float)
+        if isinstance(error := known[unit], int | float)
     }
 
 
 def print_assessment(assessment: dict[str, Any]) -> None:
-    """Print what each dof reaches, what limits it, and what would help it most."""
+    """Print the verdict, what each dof reaches and what the view allows, and what would help."""
     out = console()
-    table = Table(title="What each degree of freedom will reach", title_justify="left")
-    for heading in ("dof", "forecast (90 %)", "reached", "wanted", "told", "limited by"):
+    out.print(f"[bold]{escape(assessment['conclusion'])}[/bold]", soft_wrap=True)
+    table = Table(title="RMS error of each degree of freedom", title_justify="left")
+    for heading in ("dof", "tolerance", "one look (90 %)", "loop ends at", "view allows"):
         table.add_column(heading)
-    table.add_column("what would help most")
+    table.add_column("features limited by")
     for dof, row in assessment["dofs"].items():
-        advice = row["advice"][0] if row["advice"] else "-"
-        table.add_row(dof, *_numbers(row), row["told"], row["limited_by"], advice)
+        table.add_row(dof, *reach_cells(row), row["limited_by"])
     out.print(table)
-    out.print(assessment["conclusion"])
+    for dof, row in assessment["dofs"].items():
+        for line in row["advice"]:
+            out.print(f"{dof}: {escape(line)}", soft_wrap=True)
     for warning in assessment["warnings"]:
-        out.print(warning)
-
-
-def _numbers(row: dict[str, Any]) -> tuple[str, str, str]:
-    """Forecast, reached and wanted; a dash for what there is not."""
-    unit = row["unit"]
-    wanted = "-" if row["wanted"] is None else f"{row['wanted']:.3g} {unit}"
-    if row["forecast_rms"] is None:
-        return "-", "-", wanted
-    low, high = row["interval"]
-    forecast = f"{row['forecast_rms']:.2g} {unit} ({low:.2g} to {high:.2g})"
-    return forecast, f"{row['reached_rms']:.2g} {unit}", wanted
+        out.print(escape(warning), soft_wrap=True)

@@ -9,6 +9,7 @@ import numpy as np
 from servoscope.assessment.disturbed import TITLES
 from servoscope.report.criteria import describe_agreement
 from servoscope.report.names import DOF_LABELS
+from servoscope.wording import plain_number
 
 REGRESSORS = {
     "gaussian_process": "Gaussian process (default)",
@@ -41,25 +42,49 @@ def describe_assessment(assessed: dict[str, Any], figures: list[dict[str, Any]])
     }
 
 
+def reach_cells(row: dict[str, Any]) -> tuple[str, str, str, str]:
+    """Tolerance, one look, end of the loop, and the limit of the view; a dash for none."""
+    unit, look, loop = row["unit"], row["one_look"], row["loop"]
+    reads = "–"
+    if look is not None:
+        low, high = map(plain_number, look["interval"])
+        reads = f"{plain_number(look['rms'])} {unit} ({low} to {high}) by {look['by']}"
+    return (
+        _number(row["tolerance"], unit),
+        reads,
+        _number(None if loop is None else loop["end_rms"], unit),
+        _number(row["view_limit"], unit),
+    )
+
+
+def _number(value: float | None, unit: str) -> str:
+    return "–" if value is None else f"{plain_number(value)} {unit}"
+
+
 def _decision(dof: str, row: dict[str, Any]) -> dict[str, Any]:
+    tolerance, look, loop, limit = reach_cells(row)
     shown = {
         "label": DOF_LABELS[dof],
-        "told": row["told"],
+        "observable": row["observable"],
         "limited_by": row["limited_by"],
         "family": row.get("family", "–"),
         "features": ", ".join(row["best_features"]),
         "advice": row["advice"],
-        "wanted": "–" if row["wanted"] is None else f"{row['wanted']:.3g} {row['unit']}",
+        "tolerance": tolerance,
+        "one_look": look,
+        "loop": loop,
+        "view_limit": limit,
+        "met_in_loop": row["met_in_loop"],
+        "met_in_one_look": row["met_in_one_look"],
     }
     if row["forecast_rms"] is None:
-        return {**shown, "forecast": "–", "interval": "", "reached": "–", "met": None}
-    low, high = row["interval"]
+        return {**shown, "forecast": "–", "interval": "", "reached": "–"}
+    low, high = map(plain_number, row["interval"])
     return {
         **shown,
-        "forecast": f"{row['forecast_rms']:.2g} {row['unit']}",
-        "interval": f"{low:.2g} to {high:.2g}",
-        "reached": f"{row['reached_rms']:.2g} {row['unit']}",
-        "met": row["met"],
+        "forecast": _number(row["forecast_rms"], row["unit"]),
+        "interval": f"{low} to {high}",
+        "reached": _number(row["reached_rms"], row["unit"]),
     }
 
 

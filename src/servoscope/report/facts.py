@@ -161,7 +161,7 @@ def describe_command(settings: dict[str, Any]) -> str | None:
         options |= {f"n-{k}" if k == "images" else k: v for k, v in _images(acquisition).items()}
     elif settings.get("command") == "assess":
         words = ["servoscope", "assess", str(settings.get("dataset"))]
-        options |= _wishes(settings)
+        options |= _asked(settings)
     else:
         return None
     protocols = settings.get("protocols", [])
@@ -192,10 +192,10 @@ def flatten(values: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     return rows
 
 
-def _wishes(settings: dict[str, Any]) -> dict[str, str]:
+def _asked(settings: dict[str, Any]) -> dict[str, str]:
     """What an assessment was asked for besides its data set."""
     options = {}
-    for option in ("want", "pose_error"):
+    for option in ("tolerance", "pose_error"):
         if settings.get(option):
             options[option.replace("_", "-")] = ",".join(
                 f"{dof}={value:g}{DISPLAY_UNITS[DOFS.index(dof)]}"

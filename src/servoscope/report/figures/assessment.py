@@ -33,12 +33,12 @@ def moving(rows: Rows) -> list[str]:
 
 
 def plot_reach(rows: Rows, *, ax: Axes | None = None) -> Axes:
-    """Forecast with its interval, what was reached and what is wished, by dof.
+    """Forecast with its interval, what was measured and what is asked for, by dof.
 
     Parameters
     ----------
     rows : dict
-        The decision by dof. Errors are drawn as shares of the error of answering the mean.
+        The decision by dof. Errors are drawn as shares of the error of predicting the mean.
     """
     ax = new_axes() if ax is None else ax
     dofs = moving(rows)
@@ -50,9 +50,11 @@ def plot_reach(rows: Rows, *, ax: Axes | None = None) -> Axes:
         first = place == 0
         ax.plot([place, place], [low, high], color=INK, linewidth=5, alpha=0.25, zorder=1)
         ax.plot(place, row["forecast_rms"] / unit, "o", color=INK, label=first * "forecast (90 %)")
-        ax.plot(place, row["reached_rms"] / unit, "x", color=ACCENT, label=first * "reached")
-        if row["wanted"] is not None:
-            ax.plot(place, row["wanted"] / unit, "_", color=INK, markersize=16, label="wanted")
+        ax.plot(place, row["reached_rms"] / unit, "x", color=ACCENT, label=first * "measured")
+        if row["tolerance"] is not None:
+            ax.plot(
+                place, row["tolerance"] / unit, "_", color=INK, markersize=16, label="tolerance"
+            )
     ax.axhline(1.0, color=MUTED, linewidth=0.8, linestyle="--")
     ax.set_yscale("log")
     dress_log(ax, ylabel="RMS error [of that of the mean]")
@@ -117,7 +119,7 @@ def plot_validation(families: Mapping[str, Any], rows: Rows, *, ax: Axes | None 
     families : dict
         What each candidate was forecast to reach and reached.
     rows : dict
-        The decision by dof; errors are shares of the error of answering the mean.
+        The decision by dof; errors are shares of the error of predicting the mean.
     """
     ax = new_axes() if ax is None else ax
     for dof in moving(rows):
@@ -174,7 +176,7 @@ def dress_log(ax: Axes, *, xlabel: str = "", ylabel: str = "") -> Axes:
 
 
 def draw_reach(rows: Rows) -> Figure:
-    """Forecast, reached and wished errors of all dofs."""
+    """Forecast, measured and asked-for errors of all dofs."""
     figure = Figure(figsize=(9.6, 3.2), facecolor="white")
     plot_reach(rows, ax=figure.add_axes((0.07, 0.16, 0.92, 0.74)))
     return figure
