@@ -409,7 +409,7 @@ def _late_images(view: _View) -> Iterator[Finding]:
     most, better = (0.5, 1.5) if view.is_sequence else (0.6, 1.8)
     if left[best] > most or left[own] < better * left[best] or best == own:
         return
-    lag, before, after = float(lags[best]), float(left[own]), float(left[best])
+    lag, before, after = float(lags[best]), min(float(left[own]), 1.0), float(left[best])
     if unit == "s":
         if 0 < best < len(lags) - 1:
             lag += (lags[1] - lags[0]) * parabola_vertex(*left[best - 1 : best + 2])
