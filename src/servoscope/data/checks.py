@@ -282,17 +282,21 @@ class _View:
         """Number of the run of images at the usual rate that each image belongs to."""
         intervals = np.diff(self.seconds)
         usual = np.median(intervals)
-        is_break = (intervals < 0.5 * usual) | (intervals > 1.5 * usual)
+        is_break = (intervals <= 0.5 * usual) | (intervals > 1.5 * usual)
         return np.concatenate([[0], np.cumsum(is_break)])
 
     def pairs_in_time(self) -> tuple[Indices, Indices, Array]:
         """Images, those a few rows later, and shifts between them that are large enough to read."""
+        found = np.empty(0, np.intp), np.empty(0, np.intp), np.empty((0, 2))
         for stride in _STRIDES:
             first = np.flatnonzero(self.runs[:-stride] == self.runs[stride:])
-            shifts = image_shifts(self.small[first], self.small[first + stride])
-            if len(first) < _LEAST_PAIRS or np.median(np.abs(shifts).max(axis=1)) > _LEAST_SHIFT:
+            if len(first) < _LEAST_PAIRS:
                 break
-        return first, first + stride, shifts
+            shifts = image_shifts(self.small[first], self.small[first + stride])
+            found = first, first + stride, shifts
+            if np.median(np.abs(shifts).max(axis=1)) > _LEAST_SHIFT:
+                break
+        return found
 
 
 def _dependent_dofs(view: _View) -> Iterator[Finding]:
@@ -300,11 +304,13 @@ def _dependent_dofs(view: _View) -> Iterator[Finding]:
     p, names = view.p, [dof for dof, moves in zip(DOFS, view.moving, strict=True) if moves]
     if len(names) < 2 or len(p) < 4 * len(names):
         return
-    shares = {dof: _linear_share(p, i) for i, dof in enumerate(names)}
-    tied = {dof: round(share, 4) for dof, share in shares.items() if share > DEPENDENT}
+    fits = {dof: _regress(p, i) for i, dof in enumerate(names)}
+    tied = {dof: round(share, 4) for dof, (share, _) in fits.items() if share > DEPENDENT}
     if not tied:
         return
-    spreads = np.linalg.eigvalsh(np.corrcoef(p.T))
+    inliers = p[np.all([fits[dof][1] for dof in tied], axis=0)]
+    varying = inliers[:, inliers.std(axis=0) > _HARDLY_VARIES]
+    spreads = np.linalg.eigvalsh(np.atleast_2d(np.corrcoef(varying.T)))
     n_free = len(names) - max(1, int(np.sum(spreads < 1 - DEPENDENT)))
     text = (
         f"{', '.join(tied)} only move{'s' * (len(tied) == 1)} together with others (R2 "
@@ -315,8 +321,8 @@ def _dependent_dofs(view: _View) -> Iterator[Finding]:
     yield Finding("dependent_dofs", text, {"r2": tied, "n_independent": n_free})
 
 
-def _linear_share(p: Array, i: int) -> float:
-    """Adjusted R2 of one column on the others; one row of twenty may be anything."""
+def _regress(p: Array, i: int) -> tuple[float, NDArray[np.bool_]]:
+    """Adjusted R2 of one column on the others, of 19 of 20 rows, and which these are."""
     A = np.column_stack([np.delete(p, i, axis=1), np.ones(len(p))])
     kept = np.ones(len(p), dtype=bool)
     for _ in range(3):
@@ -324,9 +330,9 @@ def _linear_share(p: Array, i: int) -> float:
         kept = np.abs(residuals) <= np.quantile(np.abs(residuals), 0.95)
     variance = p[kept, i].var(ddof=1)
     if variance < _HARDLY_VARIES:
-        return 0.0
+        return 0.0, kept
     n, k = int(kept.sum()), A.shape[1]
-    return float(1 - np.square(residuals[kept]).sum() / max(n - k, 1) / variance)
+    return float(1 - np.square(residuals[kept]).sum() / max(n - k, 1) / variance), kept
 
 
 def _unlike_images(view: _View) -> Iterator[Finding]:
@@ -403,7 +409,7 @@ def _late_images(view: _View) -> Iterator[Finding]:
     most, better = (0.5, 1.5) if view.is_sequence else (0.6, 1.8)
     if left[best] > most or left[own] < better * left[best] or best == own:
         return
-    lag, before, after = float(lags[best]), float(left[own]), float(left[best])
+    lag, before, after = float(lags[best]), min(float(left[own]), 1.0), float(left[best])
     if unit == "s":
         if 0 < best < len(lags) - 1:
             lag += (lags[1] - lags[0]) * parabola_vertex(*left[best - 1 : best + 2])
@@ -423,7 +429,7 @@ def _late_images(view: _View) -> Iterator[Finding]:
 def _lags_of_sequence(view: _View) -> tuple[Array, Array]:
     """Lags, and the share of the shifts between neighbours that the motions then do not explain."""
     first, second, shifts = view.pairs_in_time()
-    if len(first) < _LEAST_PAIRS:
+    if not len(first):
         return np.empty(0), np.empty(0)
     middle = (view.seconds[first] + view.seconds[second]) / 2
     apart = (view.seconds[second] - view.seconds[first])[:, None]

@@ -38,7 +38,7 @@ REPEATED = 0.003
 _N_DISTANCES = 8
 _LEAST_KEPT = 0.75
 _LARGEST_GROUP = 1 / 3
-_LEAST_SCALE = 0.05
+_LEAST_SCALE = 0.15
 _CHANCE_PAIRS = 0.1
 
 Array = NDArray[np.float64]
@@ -206,10 +206,14 @@ def _lever(data: PoseImageSet) -> Array:
     return np.repeat([1.0, data.pivot or 1.0], 3)
 
 
-def _in_ranges(data: PoseImageSet) -> Array:
-    """Displacements in shares of the range; dofs of very small range, as of noise, count less."""
+def _in_ranges(data: PoseImageSet) -> tuple[Array, float]:
+    """Displacements in shares of the range, and how much of it is covered, 1 at most.
+
+    Dofs of small range, as of noise, count less.
+    """
     sizes = np.where(moves_enough(data), data.ranges() * _lever(data), 0.0)
-    return _in_metres(data) / np.maximum(sizes, max(_LEAST_SCALE * sizes.max(), 1e-9))
+    p = _in_metres(data) / np.maximum(sizes, max(_LEAST_SCALE * sizes.max(), 1e-9))
+    return p, min(float(np.ptp(p, axis=0).max()), 1.0)
 
 
 def _places(data: PoseImageSet) -> tuple[Indices, float]:
@@ -217,9 +221,10 @@ def _places(data: PoseImageSet) -> tuple[Indices, float]:
     n = len(data)
     if not data.moves().any():
         return np.arange(n), 0.0
-    p = _in_ranges(data)
-    p = p[:, np.ptp(p, axis=0) > _LEAST_SCALE]
-    distance = min(REPEATED, (_CHANCE_PAIRS / n**2) ** (1 / p.shape[1]))
+    p, covered = _in_ranges(data)
+    extent = np.ptp(p, axis=0)
+    p = p[:, extent > _LEAST_SCALE * extent.max()]
+    distance = covered * min(REPEATED, (_CHANCE_PAIRS / n**2) ** (1 / p.shape[1]))
     i, j = KDTree(p).query_pairs(distance, p=np.inf, output_type="ndarray").T
     near = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(n, n)))[1]
     return whole_poses(find_repeats(p, p), near.astype(np.intp)), distance
@@ -227,10 +232,10 @@ def _places(data: PoseImageSet) -> tuple[Indices, float]:
 
 def _kept_apart(data: PoseImageSet, order: Indices, units: Indices) -> tuple[Indices, float]:
     """Units joined where they share places, and how far apart they are; -1 for images between."""
-    p, n = _in_ranges(data)[order], len(data)
-    tree, in_order = KDTree(p), units[order]
+    (p, covered), n = _in_ranges(data), len(data)
+    tree, in_order = KDTree(p[order]), units[order]
     best, most = (np.zeros(n, np.intp), 0.0), 0.0
-    for distance in FARTHEST_APART * 0.5 ** np.arange(_N_DISTANCES):
+    for distance in covered * FARTHEST_APART * 0.5 ** np.arange(_N_DISTANCES):
         pairs = tree.query_pairs(distance, p=np.inf, output_type="ndarray")
         groups = _joined(in_order, pairs)
         i, j = pairs.T
@@ -256,9 +261,9 @@ def _joined(units: Indices, pairs: Indices) -> Indices:
     n_units = int(units.max()) + 1
     i, j = np.concatenate([pairs, pairs[:, ::-1]]).T
     across = units[i] != units[j]
-    near = np.unique(np.column_stack([i, units[j]])[across], axis=0)
+    near, unit = np.divmod(np.unique(i[across] * n_units + units[j[across]]), n_units)
     shape = (n_units, n_units)
-    counts = coo_array((np.ones(len(near)), (units[near[:, 0]], near[:, 1])), shape=shape)
+    counts = coo_array((np.ones(len(near)), (units[near], unit)), shape=shape)
     counts.sum_duplicates()
     is_joined = 2 * counts.data >= np.bincount(units)[counts.row]
     ends = counts.row[is_joined], counts.col[is_joined]

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.data.checks import check_poses, fault_words, image_faults
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.formats.drops import BAD_IMAGE, FAR, HELD_POSE, Drops
@@ -63,6 +62,8 @@ def assemble_data_set(
     ServoscopeWarning
         If anything was left out, with counts and reasons, or images or poses cannot be right.
     """
+    from servoscope.data.checks import check_poses, fault_words, image_faults
+
     split, unfit = _choose_split(frames, options), np.array([], dtype=str)
     while True:
         frames, reference, levels, brightest = _take_reference(frames, unfit, options, drops)
