@@ -7,6 +7,8 @@ import pytest
 
 from planar import PIVOT, RANGES, planar_data_set, planar_images
 from planar_cell import SIZE, T_WORLD_REF, Cell
+from servoscope.commands.accuracy import has_table
+from servoscope.commands.info import describe_model
 from servoscope.dataset import PoseImageSet
 from servoscope.dofs import mask_of
 from servoscope.errors import DataSetError, InvalidInputError, ModelError
@@ -28,6 +30,9 @@ from servoscope.positioning import (
 )
 from servoscope.positioning.calibration import Calibration
 from servoscope.positioning.model_folder import read_model, write_model
+from servoscope.rehearsal import Rehearsal
+from servoscope.robots.registry import make_robot
+from servoscope.scoreboard.cell import robot_in_cell
 
 GANTRY = ("tx", "ty", "rz")
 STILL = ~mask_of(GANTRY)
@@ -144,6 +149,34 @@ def test_a_model_keeps_its_dofs_and_one_of_before_has_all_six(model, data, tmp_p
         with pytest.raises(ModelError) as info:
             PositioningModel.load(tmp_path / str(k))
         assert "\n" not in str(info.value)
+
+
+@pytest.mark.slow
+def test_what_is_shown_of_a_model_is_of_its_dofs(model, tmp_path):
+    model.save(tmp_path / "model")
+    facts = describe_model(tmp_path / "model")
+    assert facts["dofs"] == list(GANTRY)
+    for shown in (facts["ranges"], facts["limit"], facts["accuracy"]["median"]):
+        assert tuple(shown) == GANTRY
+    assert has_table(facts["accuracy"])
+
+
+@pytest.mark.slow
+def test_a_rehearsal_starts_and_ends_in_the_dofs_of_the_model(model):
+    rehearsal = Rehearsal(model, starts=2)
+    assert tuple(rehearsal.described_ranges()) == GANTRY
+    found = rehearsal.run("range_1.0", n_jobs=1)
+    assert found["success"] == 2
+    assert all(np.array(start["shares"])[STILL].max() == 0 for start in found["starts"])
+
+
+@pytest.mark.parametrize("robot", ["free", "arm"])
+def test_a_simulated_start_is_one_that_the_robot_can_come_back_from(robot):
+    cell = robot_in_cell("textured_plane", 0, robot, "range_1.0", 16, 0, 1, GANTRY)
+    reference = make_robot(robot, cell.scene)
+    delta_p = displacements_from_poses(reference.pose, cell.pose[None], 0.0)[0]
+    assert np.abs(delta_p[STILL]).max() < 1e-3
+    assert np.abs(delta_p[5]) > np.radians(1)
 
 
 @pytest.mark.slow
