@@ -18,6 +18,9 @@ ENCODER_NOISE = 3e-4, float(np.radians(0.1))
 HARDLY_MOVES = 0.05
 """Share of the largest motion up to which it is taken for noise, if it is as small as that."""
 
+LEAST_JUDGED = 10
+"""Of fewer displacements than this all motion counts: by chance a dof may hardly differ in them."""
+
 _ROUNDING = 1e-9
 
 
@@ -70,7 +73,7 @@ def moving_dofs(delta_p: Array, pivot: float) -> tuple[str, ...]:
 
     A dof does not move if its deviation is at most `HARDLY_MOVES` of the largest one, rotations
     counting by how far they carry the camera about the pivot, and at most what `ENCODER_NOISE`
-    makes of it about the pivot.
+    makes of it about the pivot. Fewer than `LEAST_JUDGED` images are not judged.
 
     Parameters
     ----------
@@ -91,6 +94,6 @@ def moving_dofs(delta_p: Array, pivot: float) -> tuple[str, ...]:
     noise = np.array([sideways, sideways, position, rotation, rotation, rotation])
     std = delta_p.std(axis=0)
     carried = std * np.repeat([1.0, abs(pivot) or 1.0], 3)
-    moves = (std > noise) | (carried > HARDLY_MOVES * carried.max())
+    moves = (std > noise) | (carried > HARDLY_MOVES * carried.max()) | (len(delta_p) < LEAST_JUDGED)
     moves &= np.ptp(delta_p, axis=0) > _ROUNDING
     return tuple(dof for dof, is_moved in zip(DOFS, moves, strict=True) if is_moved)

@@ -10,7 +10,7 @@ from planar import planar_images
 from planar_cell import SIZE, T_WORLD_REF
 from planar_model import RANGES, RINGS, camera_data, camera_model
 from servoscope.data.images import PoseImageSet
-from servoscope.errors import DataSetError, ServoscopeWarning
+from servoscope.errors import DataSetError, InvalidInputError, ServoscopeWarning
 from servoscope.poses import DOFS, poses_from_displacements
 from servoscope.positioning.training import N_STAGES, check_observable, train, within_range
 from servoscope.storage.model_folder import ARRAYS, MODEL
@@ -81,14 +81,17 @@ def test_no_image_is_left_out_where_many_are_far_or_the_range_was_asked_for() ->
 
 
 @pytest.mark.parametrize("dof", [0, 5])
-def test_a_dof_that_never_moves_is_refused(dof) -> None:
+def test_levels_of_a_dof_that_never_moves_are_refused(dof) -> None:
     delta_p = np.random.default_rng(0).uniform(-1, 1, (80, 6)) * RANGES
     delta_p[:, dof] = 0
     images = planar_images(np.vstack([delta_p, np.zeros(6)]), SIZE, seed=3)
     poses = poses_from_displacements(T_WORLD_REF, delta_p, 0.55)
     data = PoseImageSet(images[:-1], poses, T_WORLD_REF, images[-1])
-    with pytest.raises(DataSetError, match="some dofs never move") as info:
-        train(data, n_jobs=1)
+    with pytest.raises(InvalidInputError, match="in all six dofs, but these are for") as info:
+        train(data, method="levels", n_jobs=1)
+    assert "\n" not in str(info.value)
+    with pytest.raises(DataSetError, match=f"{DOFS[dof]} never move") as info:
+        train(replace(data, asked_dofs=DOFS), n_jobs=1)
     assert "\n" not in str(info.value)
 
 

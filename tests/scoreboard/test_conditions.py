@@ -130,5 +130,5 @@ def test_strengths_mean_the_same_for_images_as_for_the_scene() -> None:
 
 def test_conditions_that_need_a_scene_are_not_of_images() -> None:
     assert [n for n in CONDITIONS if not CONDITIONS[n].is_of_images] == [
-        "depth_0.6", "depth_1.5", "other_casting", "arm"
+        "depth_0.6", "depth_1.5", "other_casting", "arm", "planar"
     ]  # fmt: skip

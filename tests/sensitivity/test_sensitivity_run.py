@@ -11,7 +11,7 @@ from servoscope.errors import InvalidInputError
 from servoscope.poses import DISPLAY_FACTORS, DOFS
 from servoscope.report.figures.sensitivity import draw_sensitivity
 from servoscope.sensitivity import SensitivityConfig, SensitivityRun
-from servoscope.sensitivity.table import COLUMNS, as_markdown, clean_row, table_rows
+from servoscope.sensitivity.table import as_markdown, clean_row, columns, table_rows
 
 CONFIG = SensitivityConfig(
     n_images=120,
@@ -75,7 +75,7 @@ def test_tables_say_where_nothing_doubles(sensitivity):
     rows = table_rows({"gain": never, "light": some}, "doubles_at")
     assert rows[0] == ("gain", "%", *["> 20"] * 6)
     assert rows[1] == ("light", "%", *["120"] * 6)
-    assert len(clean_row(sensitivity)) == len(COLUMNS)
+    assert len(clean_row(sensitivity)) == len(columns(sensitivity))
     page = as_markdown({"tchebichef": {"sensitivity": sensitivity}})
     assert page.count("| gain |") == 2
 

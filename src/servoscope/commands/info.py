@@ -143,7 +143,7 @@ def describe_model(folder: Path) -> dict[str, Any]:
         "kind": header.get("kind"),
         "trained_on": header.get("trained_on"),
         "size_px": _width_and_height(header.get("image_size")),
-        "dofs": dofs,
+        "dofs": dofs if "dofs" in header else None,
         "ranges": _ranges(header.get("reach"), dofs),
         "pivot_mm": _millimetres(header.get("pivot")),
         "levels": header.get("levels"),

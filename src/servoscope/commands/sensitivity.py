@@ -232,13 +232,13 @@ def _print_tables(results: dict[str, Any], figures: list[Path]) -> None:
     from rich.table import Table
 
     from servoscope.commands.output import console
-    from servoscope.sensitivity.table import COLUMNS, TITLES, clean_row, table_rows
+    from servoscope.sensitivity.table import TITLES, clean_row, columns, table_rows
 
     out = console()
     for name, of_features in results["features"].items():
         table = Table(title=f"{name}: {TITLES['doubles_at'].lower()}", title_justify="left")
-        for column in COLUMNS:
-            table.add_column(column, justify="left" if column in COLUMNS[:2] else "right")
+        for k, column in enumerate(columns(of_features["sensitivity"])):
+            table.add_column(column, justify="left" if k < 2 else "right")
         table.add_row(*clean_row(of_features["sensitivity"]), end_section=True)
         for row in table_rows(of_features["sensitivity"], "doubles_at"):
             table.add_row(*row)

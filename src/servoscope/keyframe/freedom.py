@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from math import asin, atan2, cos, sin
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.dofs import mask_of
 from servoscope.keyframe.motion import adjoint, conjugate, displacement_by_twist
-from servoscope.poses import (
-    DOFS,
-    displacements_from_poses,
-    inverse_transform,
-    poses_from_displacements,
-    rigid_transform,
-)
+from servoscope.poses import DOFS, displacements_from_poses, inverse_transform, rigid_transform
 
 Array = NDArray[np.float64]
 
@@ -58,31 +54,76 @@ class Freedom:
         T : ndarray of shape (4, 4)
             Reference camera to this camera.
         """
-        D = conjugate(inverse_transform(self.mount), inverse_transform(T))
-        (delta_p,) = displacements_from_poses(np.eye(4), D[None], self.pivot)
-        return delta_p if self.is_full else np.where(mask_of(self.dofs), delta_p, 0.0)
+        if self.is_full:
+            return displacements_from_poses(np.eye(4), self.displacement(T)[None], self.pivot)[0]
+        D = self._about_pivot @ inverse_transform(T) @ self._from_pivot
+        turn = atan2(D[2, 1], D[2, 2]), -asin(min(1.0, max(-1.0, D[2, 0]))), atan2(D[1, 0], D[0, 0])
+        return np.where(self._mask, [*D[:3, 3], *turn], 0.0)
 
     def displacement(self, T: Array) -> Array:
         """The displacement of the reported frame, (4, 4), [m]."""
         if self.is_full:
             return conjugate(inverse_transform(self.mount), inverse_transform(T))
-        return np.asarray(poses_from_displacements(np.eye(4), self.delta_p(T), self.pivot))
+        P = rigid_transform(np.eye(3), [0.0, 0.0, self.pivot])
+        return np.asarray(P @ _displaced(self.delta_p(T)) @ inverse_transform(P))
 
     def nearest(self, T: Array) -> Array:
         """The motion with the other dofs left out, (4, 4)."""
         if self.is_full:
             return T
-        return inverse_transform(conjugate(self.mount, self.displacement(T)))
+        back = inverse_transform(_displaced(self.delta_p(T)))
+        return np.asarray(self._from_pivot @ back @ self._about_pivot)
 
     def by_twist(self, displacement: Array) -> Array:
         """Derivative of the displacement about the pivot by a twist before T, shape (6, 6)."""
         P = rigid_transform(np.eye(3), [0.0, 0.0, self.pivot])
-        about = displacement_by_twist(conjugate(P, displacement))
-        return -about @ adjoint(inverse_transform(P) @ self.mount)
+        return -displacement_by_twist(conjugate(P, displacement)) @ self._adjoint
 
     def twists(self, T: Array) -> Array:
-        """Twists before T that displace in one dof each, shape (6, n_dofs)."""
+        """Twists before T that displace in one dof each, shape (6, n_dofs).
+
+        Of the rotations ``R = Rz(rz) Ry(ry) Rx(rx)`` each turns about an axis of its own.
+        """
         if self.is_full:
             return np.eye(6)
-        by_twist = self.by_twist(self.displacement(T))
-        return np.asarray(np.linalg.inv(by_twist)[:, mask_of(self.dofs)])
+        _, _, _, rx, ry, _ = delta_p = self.delta_p(T)
+        behind = np.zeros((6, 6))
+        behind[:3, :3] = _displaced(delta_p)[:3, :3].T
+        sx, cx, sy, cy = sin(rx), cos(rx), sin(ry), cos(ry)
+        behind[3:, 3:] = [[1, 0, -sy], [0, cx, sx * cy], [0, -sx, cx * cy]]
+        return np.asarray(-self._inverse_adjoint @ behind[:, self._mask])
+
+    @cached_property
+    def _mask(self) -> NDArray[np.bool_]:
+        return mask_of(self.dofs)
+
+    @cached_property
+    def _about_pivot(self) -> Array:
+        """Camera coordinates to those about the pivot."""
+        return rigid_transform(np.eye(3), [0.0, 0.0, -self.pivot]) @ self.mount
+
+    @cached_property
+    def _from_pivot(self) -> Array:
+        return inverse_transform(self._about_pivot)
+
+    @cached_property
+    def _adjoint(self) -> Array:
+        return adjoint(self._about_pivot)
+
+    @cached_property
+    def _inverse_adjoint(self) -> Array:
+        return adjoint(self._from_pivot)
+
+
+def _displaced(delta_p: Array) -> Array:
+    """The motion of six numbers, (4, 4)."""
+    tx, ty, tz, rx, ry, rz = delta_p
+    sx, cx, sy, cy, sz, cz = sin(rx), cos(rx), sin(ry), cos(ry), sin(rz), cos(rz)
+    return np.array(
+        [
+            [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx, tx],
+            [sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx, ty],
+            [-sy, cy * sx, cy * cx, tz],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import ModelError
-from servoscope.poses import poses_from_displacements
+from servoscope.poses import DOFS, poses_from_displacements
 from servoscope.positioning.alignment import Alignment
 from servoscope.positioning.interaction import MARGIN, LearnedInteraction
 from servoscope.positioning.interfaces import Array, Estimate, Image
@@ -168,6 +168,7 @@ class PositioningModel:
             "image_size": [height, width],
             "pivot": self.pivot,
             "reach": self.reach.tolist(),
+            "dofs": list(DOFS),
             "levels": [level.describe() for level in self.levels],
             "trained_on": self.trained_on,
             "accuracy": self.accuracy,

@@ -119,10 +119,10 @@ def _method_for(data: PoseImageSet, method: str) -> str:
     """The method for the degrees of freedom of a data set: a keyframe if they are not all six."""
     still = [dof for dof in data.dofs if not data.moves()[DOFS.index(dof)]]
     if still or not data.dofs:
-        found = f"{', '.join(still) or 'nothing'} {'never ' * bool(still)}moves in this data set"
         raise DataSetError(
-            f"A model needs images displaced in each dof that it is to command, but {found}; take "
-            "images that are, or name others with --dofs."
+            "A model needs images displaced in each dof that it is to command, but "
+            f"{', '.join(still or DOFS)} never move in this data set; take images that are, or "
+            "name other dofs."
         )
     if data.dofs == DOFS:
         return method

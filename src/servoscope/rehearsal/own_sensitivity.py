@@ -83,7 +83,8 @@ def measure_own(
     errors = dict(zip(strengths, np.stack(rows, axis=2), strict=True))  # (n_draws, n_starts, 6)
     first, second = (differences(disturbance, errors, step) for step in disturbance.steps)
     simulated = np.stack([errors[s] for s in disturbance.strengths])
-    return error_growths(disturbance, errors[0.0][0], simulated, (first, second))
+    growths = error_growths(disturbance, errors[0.0][0], simulated, (first, second))
+    return {dof: growths[dof] for dof in rehearsal.model.dofs}
 
 
 def check_own_disturbances(names: Sequence[str]) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.dofs import mask_of
-from servoscope.poses import DOFS, poses_from_displacements
+from servoscope.poses import DOFS, inverse_transform, poses_from_displacements
 from servoscope.robots.late_images import LateImages
 from servoscope.robots.registry import SimulatedRobot, make_robot
 from servoscope.scene.parts import make_part
@@ -38,7 +38,12 @@ def start_direction(seed: int, start: int) -> Array:
 
 
 def start_pose(
-    seed: int, start: int, factor: float, dofs: tuple[str, ...] = DOFS, pivot: float = PIVOT
+    seed: int,
+    start: int,
+    factor: float,
+    dofs: tuple[str, ...] = DOFS,
+    pivot: float = PIVOT,
+    T_told_cam: Array | None = None,
 ) -> Array:
     """``T_world_cam`` of a start, (4, 4), [m]: the same direction for every factor.
 
@@ -51,9 +56,14 @@ def start_pose(
         In which it is displaced.
     pivot : float
         Distance from the camera of the point that it is turned about, [m].
+    T_told_cam : ndarray of shape (4, 4), optional
+        Camera to the frame in whose axes it is displaced, [m]; its own by default.
     """
+    T_told_cam = np.eye(4) if T_told_cam is None else T_told_cam
     delta_p = factor * RANGES * start_direction(seed, start) * mask_of(dofs)
-    return poses_from_displacements(T_WORLD_REF, delta_p, pivot)
+    along_z = float((T_told_cam @ [0.0, 0.0, pivot, 1.0])[2])
+    T_world_told = T_WORLD_REF @ inverse_transform(T_told_cam)
+    return poses_from_displacements(T_world_told, delta_p, along_z) @ T_told_cam
 
 
 def trial_rng(seed: int, condition: str, start: int) -> np.random.Generator:
@@ -91,7 +101,8 @@ def robot_in_cell(
     """A robot over a part, with its camera at a start, under all of a condition but its robot.
 
     Its first image takes no longer than the others: the scene is prepared here. The start is
-    displaced in some dofs about a pivot, see `start_pose`; by default in those of the condition.
+    displaced in some dofs about a pivot, see `start_pose`, by default in those of the condition:
+    of the frame that the robot tells if they are not all six.
 
     Raises
     ------
@@ -101,7 +112,11 @@ def robot_in_cell(
     changes = CONDITIONS[condition]
     trained = scene_of_training(part, image_size, variant)
     seen = changes.change(trained, start + 1000 * seed)
-    T_world_cam = start_pose(seed, start, changes.factor, dofs or changes.dofs, pivot)
+    dofs, T_told_cam = dofs or changes.dofs, None
+    if dofs != DOFS:
+        reference = make_robot(robot, trained)
+        T_told_cam = inverse_transform(reference.pose) @ reference.true_pose
+    T_world_cam = start_pose(seed, start, changes.factor, dofs, pivot, T_told_cam)
     rng = trial_rng(seed, condition, start)
     made = make_robot(robot, seen, changes.repeatability, rng, T_world_cam)
     prepare(seen)

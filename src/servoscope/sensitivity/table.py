@@ -5,12 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from servoscope.poses import DOFS
-
 Sensitivity = Mapping[str, Mapping[str, Mapping[str, Any]]]
 """By disturbance and dof, what `ErrorGrowth.to_dict` gives."""
-
-COLUMNS = ("disturbance", "unit", *DOFS)
 
 TITLES = {
     "doubles_at": "Strength at which the error has doubled",
@@ -19,8 +15,13 @@ TITLES = {
 """What a table can show."""
 
 
+def columns(sensitivity: Sensitivity) -> tuple[str, ...]:
+    """The heads of the tables: one for each dof after what is disturbed and its unit."""
+    return ("disturbance", "unit", *next(iter(sensitivity.values())))
+
+
 def table_rows(sensitivity: Sensitivity, key: str) -> list[tuple[str, ...]]:
-    """A row of `COLUMNS` for each disturbance.
+    """A row of `columns` for each disturbance.
 
     Parameters
     ----------
@@ -35,14 +36,14 @@ def table_rows(sensitivity: Sensitivity, key: str) -> list[tuple[str, ...]]:
     rows = []
     for name, by_dof in sensitivity.items():
         unit = next(iter(by_dof.values()))["unit"]
-        rows.append((name, unit, *(_cell(by_dof[dof], key) for dof in DOFS)))
+        rows.append((name, unit, *(_cell(growth, key) for growth in by_dof.values())))
     return rows
 
 
 def clean_row(sensitivity: Sensitivity) -> tuple[str, ...]:
-    """The undisturbed errors, as a row of `COLUMNS`, in mm and deg."""
+    """The undisturbed errors, as a row of `columns`, in mm and deg."""
     by_dof = next(iter(sensitivity.values()))
-    return ("none (RMS error)", "mm, deg", *(f"{by_dof[dof]['clean_rms']:.3g}" for dof in DOFS))
+    return ("none (RMS error)", "mm, deg", *(f"{g['clean_rms']:.3g}" for g in by_dof.values()))
 
 
 def as_markdown(features: Mapping[str, Mapping[str, Any]]) -> str:
@@ -59,7 +60,8 @@ def as_markdown(features: Mapping[str, Mapping[str, Any]]) -> str:
         for key, title in TITLES.items():
             first = [clean_row(sensitivity)] if key == "doubles_at" else []
             lines += [f"**{name}: {title[0].lower()}{title[1:]}**", ""]
-            lines += [_line(COLUMNS), _line(["---"] * len(COLUMNS))]
+            heads = columns(sensitivity)
+            lines += [_line(heads), _line(["---"] * len(heads))]
             lines += [_line(row) for row in [*first, *table_rows(sensitivity, key)]]
             lines.append("")
     return "\n".join(lines)

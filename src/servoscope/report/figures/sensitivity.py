@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from servoscope.poses import DOFS
 from servoscope.report.figures.panels import INK, SMALL, Layout, dress, new_axes
 
 DOF_STYLES: dict[str, dict[str, Any]] = {
@@ -45,10 +44,10 @@ def plot_growth(
     title : str
     """
     ax = new_axes() if ax is None else ax
-    unit = growths[DOFS[0]]["unit"]
+    unit = next(iter(growths.values()))["unit"]
     dress(ax, title=title, xlabel="" if unit == "1" else f"[{unit}]")
-    for dof in DOFS:
-        growth, scale, style = growths[dof], ranges[dof]["value"], DOF_STYLES[dof]
+    for dof, growth in growths.items():
+        scale, style = ranges[dof]["value"], DOF_STYLES[dof]
         strengths = np.array([0.0, *growth["strengths"]])
         order = np.argsort(strengths)
         simulated, predicted = (
