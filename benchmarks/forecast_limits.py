@@ -22,7 +22,7 @@ from benchmarks.tables import Findings, as_markdown
 from servoscope.poses import DISPLACEMENTS
 from servoscope.processes import in_processes
 from servoscope.selection import entropy_power
-from servoscope.study.feature_tables import FeatureTable
+from servoscope.study.feature_tables import study_table
 from servoscope.study.run import split_data
 
 LEARNT = ("gm", "pca", "first 65")
@@ -62,7 +62,7 @@ def measure(folder: Path, form: str, dof: str) -> Ratios:
     split = split_data(data, "honest", 0)
     targets = data.delta_p(form) / data.ranges(form)
     fitted = StudyFeatures().fit(data.images[split.train], targets[split.train])
-    table = FeatureTable(fitted.transform(data.images), fitted.names)
+    table = study_table(fitted.transform(data.images), fitted.names)
     y = targets[:, sv.DOFS.index(dof)]
     groups = blocks(data) if data.split == "blocks" else np.arange(len(data))
     found = Ratios([], [], [], [])

@@ -38,7 +38,7 @@ def test_it_predicts_displacements_that_it_has_not_seen(plane, fitted):
     rms = np.sqrt(np.mean(errors**2, axis=0))
     assert (rms < 0.85 * plane.delta_p().std(axis=0)).all()
     measured = [fitted.record_["measured"][dof] for dof in DOFS]
-    np.testing.assert_allclose(rms, measured, rtol=1e-9)
+    np.testing.assert_allclose(rms, measured, rtol=1e-5)
     assert 0.7 < np.mean(np.abs(errors) < 1.96 * std) <= 1
 
 
