@@ -139,6 +139,7 @@ class FeatureTable:
         groups = None if groups is None else groups[learn]
         parts = cut_folds(targets[learn], groups, n_folds) if n_folds else []
         refitted = _refitted_together(known) if parts else []
+        calls: list[tuple[Any, ...]]
         calls = [(images, targets, learn, together, parts) for together in refitted]
         calls += [(images, targets, learn, {name: family}, None) for name, family in known.items()]
         found: list[Any] = []
@@ -204,7 +205,7 @@ def _refitted_together(known: Mapping[str, Family]) -> list[dict[str, Family]]:
 
 def _joined(
     computed: Mapping[str, tuple[Array, FittedFamily] | None],
-    again: Mapping[str, list[Array] | None],
+    again: Mapping[str, Any],
     learn: Indices,
     parts: list[Indices],
 ) -> FeatureTable | None:
@@ -284,7 +285,8 @@ def _compute(
     with one_blas_thread():
         if parts is None:
             return {name: _fit_one(images, targets, learn, name, f) for name, f in families.items()}
-        stack, Y = images[learn], targets[learn]
+        stack: NDArray[Any] = images[learn]
+        Y = targets[learn]
         if isinstance(next(iter(families.values())).make(2), LearnedProjection):
             stack = span_coordinates(stack.reshape(len(stack), -1))[:, None]
         return {name: _refit(stack, Y, name, family, parts) for name, family in families.items()}

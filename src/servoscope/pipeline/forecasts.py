@@ -83,7 +83,8 @@ def forecast(
         If the features are fitted to images and the table has no folds.
     """
     effort = {"max_samples": max_samples, "max_iter": max_iter}
-    return _forecast(*_parts(table, targets, groups, recipe), effort, n_jobs)
+    parts = _parts(table, targets, groups, recipe)
+    return _forecast(*parts, effort=effort, n_jobs=n_jobs)
 
 
 def forecast_all(
@@ -111,8 +112,8 @@ def forecast_all(
     calls = []
     for numbers in of_recipe.values():
         parts = _parts(table, targets[:, [places[i] for i in numbers]], groups, jobs[numbers[0]][0])
-        calls.append((numbers, *parts, effort))
-    calls.sort(key=lambda call: -len(call[0]) * len(call[3]))  # those that take longest first
+        calls.append((numbers, parts, effort))
+    calls.sort(key=lambda call: -len(call[0]) * len(call[1][2]))  # those that take longest first
     found: dict[int, Forecast] = {}
     for numbers, one in in_processes(_forecast_several, calls, n_jobs, batch_size=1):
         found |= {number: one.of(i) for i, number in enumerate(numbers)}
@@ -163,8 +164,10 @@ def _dofs_of(candidates: Mapping[str, Candidate]) -> list[str]:
     return sorted(dofs, key=lambda dof: DOFS.index(dof) if dof in DOFS else len(DOFS))
 
 
-def _forecast_several(numbers: list[int], *call: Any) -> tuple[list[int], Forecast]:
-    return numbers, _forecast(*call, 1)
+def _forecast_several(
+    numbers: list[int], parts: tuple[Any, ...], effort: Mapping[str, int]
+) -> tuple[list[int], Forecast]:
+    return numbers, _forecast(*parts, effort=effort, n_jobs=1)
 
 
 def _parts(
@@ -189,6 +192,7 @@ def _forecast(
     folds: Sequence[Fold],
     targets: Array,
     groups: Indices | None,
+    *,
     effort: Mapping[str, int],
     n_jobs: int | None,
 ) -> Forecast:

@@ -265,15 +265,15 @@ class PosePipeline(RegressorMixin, BaseEstimator):
             families[name] = list(one.names)
             arrays |= _prefixed(f"features.{name}", _transformer_arrays(name, one))
         dofs = {}
-        for dof, one in self.regressors_.items():
-            dofs[dof] = {"recipe": one.recipe.to_json(), "validation_rms": one.validation_rms}
-            arrays[f"dofs.{dof}.columns"] = one.columns
-            if not hasattr(one.regressor, "to_arrays"):
+        for dof, fitted in self.regressors_.items():
+            dofs[dof] = {"recipe": fitted.recipe.to_json(), "validation_rms": fitted.validation_rms}
+            arrays[f"dofs.{dof}.columns"] = fitted.columns
+            if not hasattr(fitted.regressor, "to_arrays"):
                 raise InvalidInputError(
-                    f"The regressor {one.recipe.regressor!r} cannot be saved: it needs to_arrays "
-                    "and from_arrays."
+                    f"The regressor {fitted.recipe.regressor!r} cannot be saved: it needs "
+                    "to_arrays and from_arrays."
                 )
-            arrays |= _prefixed(f"dofs.{dof}.regressor", one.regressor.to_arrays())
+            arrays |= _prefixed(f"dofs.{dof}.regressor", fitted.regressor.to_arrays())
         header = {"families": families, "dofs": dofs, "record": self.record_}
         text = json.dumps(header, allow_nan=True).encode()
         return {"header": np.frombuffer(text, np.uint8), **arrays}
