@@ -115,7 +115,7 @@ class Eigenfeatures(LearnedProjection):
         return features
 
     @property
-    def components_(self) -> NDArray[Any]:  # type: ignore[override]
+    def components_(self) -> NDArray[Any]:
         """Unit eigenvectors, of shape (n_components, n_pixels)."""
         return self.basis_.components
 
@@ -125,7 +125,7 @@ class Eigenfeatures(LearnedProjection):
         return self.basis_.eigenvalues
 
     @property
-    def mean_(self) -> NDArray[np.float64]:  # type: ignore[override]
+    def mean_(self) -> NDArray[np.float64]:
         """Mean of the normalised training images, of shape (n_pixels,)."""
         return self.basis_.mean
 

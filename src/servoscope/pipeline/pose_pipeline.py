@@ -209,15 +209,21 @@ class PosePipeline(RegressorMixin, BaseEstimator):
                 "The images must be of {} x {} px (height x width), as those learned from, got "
                 "{} x {}; resize them.".format(*self.image_shape_, *stack.shape[1:])
             )
-        X = np.hstack([one.transform(stack) for one in self.fitted_.values()])
-        told = [
+        means, deviations = self.predict_from(self.compute_features(stack))
+        return (means, deviations) if return_std else means
+
+    def compute_features(self, images: NDArray[Any]) -> Array:
+        """The features of images of shape (n, height, width) that any of the recipes takes."""
+        return np.hstack([one.transform(images) for one in self.fitted_.values()])
+
+    def predict_from(self, X: Array) -> tuple[Array, Array]:
+        """Displacements and their standard deviations from what `compute_features` returns."""
+        predicted = [
             predict_with_std(one.regressor, X[:, one.columns], one.validation_rms)
             for one in self.regressors_.values()
         ]
-        means, deviations = (
-            np.column_stack(part) * self.ranges_ for part in zip(*told, strict=True)
-        )
-        return (means, deviations) if return_std else means
+        means, deviations = zip(*predicted, strict=True)
+        return np.column_stack(means) * self.ranges_, np.column_stack(deviations) * self.ranges_
 
     def describe(self) -> dict[str, Any]:
         """What it is made of and what is known of it, as plain JSON values."""
