@@ -31,7 +31,7 @@ from servoscope.selection import (
     redundancy_bias,
 )
 from servoscope.study.config import N_EIGENVECTORS
-from servoscope.study.feature_tables import compute_feature_table
+from servoscope.study.feature_tables import CANDIDATES, compute_feature_table
 
 COUNTS = (1, 2, 4, 8, 16, 24)
 RESTARTS = 3
@@ -76,7 +76,7 @@ def _samples(
     table, _ = compute_feature_table(data, moments, basis, split.train, displacement)
     targets = data.delta_p(displacement) / data.ranges(displacement)
     moving = np.where(data.moves(displacement), targets, 0.0)
-    return table.values[:, table.candidates], moving
+    return table.values[:, table.columns(CANDIDATES)], moving
 
 
 def _orders(X: np.ndarray, Y: np.ndarray) -> Orders:
@@ -97,20 +97,14 @@ def _errors(X: np.ndarray, Y: np.ndarray, orders: Orders, split: Split, seed: in
     everything = tuple(range(X.shape[1]))
     subsets |= {(ALL, dof, X.shape[1]): (dof, everything) for dof in sv.DOFS}
     distinct = list(dict.fromkeys(subsets.values()))
-    jobs = [sv.NetworkJob(np.array(s), sv.DOFS.index(dof), seed) for dof, s in distinct]
-    nets = sv.train_networks(
-        X,
-        Y,
-        jobs,
-        split.train,
-        split.validation,
-        regressor=sv.LMRegressor(restarts=RESTARTS),
-        n_jobs=-1,
-    )
-    rms = {}
-    for subset, job, net in zip(distinct, jobs, nets, strict=True):
-        residual = net.predict(X[np.ix_(split.test, job.columns)]) - Y[split.test, job.target]
-        rms[subset] = float(np.sqrt(np.mean(residual**2)))
+    table = sv.FeatureTable(X, tuple(map(str, range(X.shape[1]))), ("own",) * X.shape[1])
+    settings = {"restarts": RESTARTS}
+    jobs = [
+        (sv.Recipe("own", tuple(map(str, subset)), "levenberg_marquardt", settings), dof)
+        for dof, subset in distinct
+    ]
+    nets = sv.fit_all(table, Y, split, jobs, seed=seed)
+    rms = {subset: net.test_rms for subset, net in zip(distinct, nets, strict=True)}
     return {key: rms[subset] for key, subset in subsets.items()}
 
 

@@ -22,7 +22,7 @@ from benchmarks.family_features import PUBLISHED, FamilySamples, compute_familie
 from benchmarks.family_figure import draw_errors
 from benchmarks.tables import Findings, as_markdown
 from servoscope.data.independence import split_data
-from servoscope.features.catalogue import FAMILIES
+from servoscope.features.catalogue import default_families
 from servoscope.positioning.disturbances import SINGLE_DISTURBANCES
 from servoscope.processes import one_blas_thread
 
@@ -207,7 +207,7 @@ def _published_bests(errors: Errors) -> Mapping[str, np.ndarray]:
 
 def _origin(name: str) -> str:
     """Whether it is the paper's, and whether `assess` tries it."""
-    marks = ["paper's"] * (name in PUBLISHED) + ["assess"] * (name in FAMILIES)
+    marks = ["paper's"] * (name in PUBLISHED) + ["assess"] * (name in default_families())
     return ", ".join(marks)
 
 

@@ -76,7 +76,9 @@ def compute_families(
 
 def _transformers(n: int, image_shape: tuple[int, int]) -> dict[str, ImageTransformer]:
     """Those that `assess` tries, and those that it does not."""
-    tried = {name: family.make(n) for name, family in FAMILIES.items()}
+    tried = {
+        name: family.make(n) for name, family in FAMILIES.built_in.items() if family.is_default
+    }
     n_eigenvectors = min(35, n // 3)
     others = {
         "lfa": sv.LocalFeatureAnalysis(

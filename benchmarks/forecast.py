@@ -29,11 +29,13 @@ from servoscope.acquisition import AcquisitionConfig, acquire
 from servoscope.data.independence import split_data
 from servoscope.data.splits import Split
 from servoscope.features import compute_image_basis
+from servoscope.pipeline import FeatureTable
 from servoscope.poses import DISPLACEMENTS
 from servoscope.processes import in_processes
 from servoscope.selection import MutualInfoSelector, forecast_from_folds, refit_features
 from servoscope.selection.rms_interval import rms_interval
-from servoscope.study.feature_tables import FeatureTable, lfa_window
+from servoscope.study.feature_tables import CANDIDATES, lfa_window, study_table
+from servoscope.study.paper import RECIPES
 
 N_BLOCKS = 20
 
@@ -85,8 +87,8 @@ def timings(folder: Path) -> Table:
     data = sv.PoseImageSet.load(folder)
     targets = data.delta_p() / data.ranges()
     fitted = StudyFeatures().fit(data.images, targets)
-    X = FeatureTable(fitted.transform(data.images), fitted.names)
-    X = X.values[:, X.candidates]
+    table = study_table(fitted.transform(data.images), fitted.names)
+    X = table.values[:, table.columns(CANDIDATES)]
     contenders = [
         Contender("forecast_errors", lambda: sv.forecast_errors(X, targets)),
         Contender("learning_curve", lambda: sv.learning_curve(X, targets)),
@@ -112,7 +114,7 @@ def measure(folder: Path, seed: int, form: str) -> list[Point]:
     targets = data.delta_p(form) / data.ranges(form)
     images, known = data.images[split.train], targets[split.train]
     fitted = StudyFeatures().fit(images, known)
-    table = FeatureTable(fitted.transform(data.images), fitted.names)
+    table = study_table(fitted.transform(data.images), fitted.names)
     groups = None if runs is None else runs[split.train]
     folds = refit_features(StudyFeatures(), images, known, groups=groups)
     points = []
@@ -139,8 +141,8 @@ def feature_subsets(
     table: FeatureTable, target: np.ndarray, train: np.ndarray, dof: str
 ) -> dict[str, np.ndarray]:
     """Columns of the families, and of the first candidates in ideal-point order."""
-    subsets = {family: table.family(family, dof) for family in FAMILIES}
-    candidates = table.candidates
+    subsets = {family: table.columns(RECIPES[family].for_dof(dof)) for family in FAMILIES}
+    candidates = table.columns(CANDIDATES)
     selector = MutualInfoSelector(n_features=len(candidates))
     order = selector.fit(table.values[np.ix_(train, candidates)], target[train]).ranking_
     return subsets | {f"first {size}": candidates[order[:size]] for size in SIZES}
@@ -150,8 +152,12 @@ def _errors(X, y, split: Split, runs, subsets, folds) -> Iterator[dict[str, floa
     """What was forecast and reached with each subset of columns, as `Point` has it."""
     groups, unseen_groups = (None if runs is None else runs[r] for r in (split.train, split.test))
     known, unseen = y[split.train], y[split.test]
-    jobs = [sv.NetworkJob(columns, 0) for columns in subsets]
-    nets = sv.train_networks(X, y[:, None], jobs, split.train, split.validation)
+    table = FeatureTable(X, tuple(map(str, range(X.shape[1]))), ("own",) * X.shape[1])
+    recipes = [
+        sv.Recipe("own", tuple(map(str, columns)), "levenberg_marquardt") for columns in subsets
+    ]
+    jobs = [(recipe, "dof") for recipe in recipes]
+    nets = sv.fit_all(table, y[:, None], split, jobs, dofs=("dof",), n_jobs=1)
     for columns, net in zip(subsets, nets, strict=True):
         A, B = X[np.ix_(split.train, columns)], X[np.ix_(split.test, columns)]
         plain = sv.forecast_errors(A, known, groups=groups)
@@ -164,7 +170,7 @@ def _errors(X, y, split: Split, runs, subsets, folds) -> Iterator[dict[str, floa
             "crossfit_spread": float(refitted.interval[1, 0] / refitted.rms[0]),
             "gp": rms(process),
             "gp_spread": float(rms_interval(process, unseen_groups)[1, 0] / rms(process)),
-            "nets": rms(net.predict(B) - unseen),
+            "nets": net.test_rms,
         }
 
 

@@ -23,7 +23,7 @@ from servoscope.data.independence import split_data
 from servoscope.poses import DISPLACEMENTS
 from servoscope.processes import in_processes
 from servoscope.selection import entropy_power
-from servoscope.study.feature_tables import FeatureTable
+from servoscope.study.feature_tables import study_table
 
 LEARNT = ("gm", "pca", "first 65")
 """Features whose learning curves are tried."""
@@ -62,7 +62,7 @@ def measure(folder: Path, form: str, dof: str) -> Ratios:
     split = split_data(data, "honest", 0)
     targets = data.delta_p(form) / data.ranges(form)
     fitted = StudyFeatures().fit(data.images[split.train], targets[split.train])
-    table = FeatureTable(fitted.transform(data.images), fitted.names)
+    table = study_table(fitted.transform(data.images), fitted.names)
     y = targets[:, sv.DOFS.index(dof)]
     groups = blocks(data) if data.split == "blocks" else np.arange(len(data))
     found = Ratios([], [], [], [])

@@ -25,9 +25,9 @@ from servoscope.poses import (
     inverse_transform,
     poses_from_displacements,
 )
-from servoscope.tolerances import parse_accuracy
 from servoscope.scene.render import render
 from servoscope.scene.scene import T_WORLD_REF, Scene
+from servoscope.tolerances import parse_accuracy
 
 POSE_NOISE = (5e-5, np.radians(0.01))
 SIZES = (FIRST, FIRST + NEXT)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -18,10 +19,17 @@ from benchmarks.tables import Findings, as_markdown, as_text
 from servoscope.acquisition import AcquisitionConfig, acquire
 from servoscope.data.independence import split_data
 from servoscope.features import compute_image_basis
+from servoscope.pipeline import Fitted
 from servoscope.poses import DISPLACEMENTS
-from servoscope.regression import RegressorScore
 from servoscope.study.config import N_EIGENVECTORS
-from servoscope.study.feature_tables import FeatureTable, compute_feature_table
+from servoscope.study.feature_tables import CANDIDATES, compute_feature_table
+from servoscope.study.paper import RECIPES
+
+FEATURES = {
+    "24 moments": RECIPES["gm"],
+    "24 eigenfeatures": RECIPES["pca"],
+    "all 65": CANDIDATES,
+}
 
 HEADER = ("features", "regressor", *sv.DOFS, "mean", "covered", "width / RMS", "fit s")
 
@@ -56,29 +64,30 @@ def findings(folder: Path, seeds: Sequence[int] = (0,), form: str = "pivot") -> 
 
 def _scores(
     data: sv.PoseImageSet, moments: np.ndarray, seed: int, form: str
-) -> dict[str, list[RegressorScore]]:
+) -> dict[str, list[Fitted]]:
     """Scores by set of features, for one split."""
     split = split_data(data, "honest", seed)
     basis = compute_image_basis(data.images[split.train], N_EIGENVECTORS)
     table, _ = compute_feature_table(data, moments, basis, split.train, form)
     targets = data.delta_p(form) / data.ranges(form)
     return {
-        features: sv.compare_regressors(table.values[:, columns], targets, split)
-        for features, columns in _feature_sets(table).items()
+        features: sv.fit_all(table, targets, split, _jobs(recipe))
+        for features, recipe in FEATURES.items()
     }
 
 
-def _feature_sets(table: FeatureTable) -> dict[str, np.ndarray]:
-    return {
-        "24 moments": table.family("gm", "tx"),
-        "24 eigenfeatures": table.family("pca", "tx"),
-        f"all {len(table.candidates)}": table.candidates,
-    }
+def _jobs(recipe: sv.Recipe) -> list[tuple[sv.Recipe, str]]:
+    """Every regressor on its features, for every dof."""
+    return [
+        (replace(recipe, regressor=regressor), dof)
+        for regressor in sv.REGRESSORS
+        for dof in sv.DOFS
+    ]
 
 
-def _row(measured: Sequence[Sequence[RegressorScore]], regressor: str) -> tuple[str, ...]:
+def _row(measured: Sequence[Sequence[Fitted]], regressor: str) -> tuple[str, ...]:
     """A regressor's cells: errors by dof and their mean, coverage, width and seconds."""
-    scores = [score for split in measured for score in split if score.regressor == regressor]
+    scores = [score for split in measured for score in split if score.recipe.regressor == regressor]
     errors = {
         dof: np.mean([score.test_rms for score in scores if score.dof == dof]) for dof in sv.DOFS
     }

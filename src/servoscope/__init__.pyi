@@ -27,6 +27,10 @@ from .keyframe import Alignment as Alignment
 from .keyframe import CameraModel as CameraModel
 from .keyframe import Keyframe as Keyframe
 from .keyframe import ViewLimit as ViewLimit
+from .pipeline import FeatureTable as FeatureTable
+from .pipeline import PosePipeline as PosePipeline
+from .pipeline import Recipe as Recipe
+from .pipeline import fit_all as fit_all
 from .poses import DOFS as DOFS
 from .positioning import LoopSettings as LoopSettings
 from .positioning import Positioner as Positioner
@@ -38,11 +42,7 @@ from .regression import GaussianKernelRidge as GaussianKernelRidge
 from .regression import GaussianProcess as GaussianProcess
 from .regression import LBFGSRegressor as LBFGSRegressor
 from .regression import LMRegressor as LMRegressor
-from .regression import NetworkJob as NetworkJob
 from .regression import PoseRegressor as PoseRegressor
-from .regression import RegressorScore as RegressorScore
-from .regression import compare_regressors as compare_regressors
-from .regression import train_networks as train_networks
 from .robots.recorded import RecordedRobot as RecordedRobot
 from .selection import Forecast as Forecast
 from .selection import LearningCurve as LearningCurve

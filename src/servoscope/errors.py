@@ -38,7 +38,7 @@ class ModelError(ServoscopeError, ValueError):
 
 
 class PluginError(ServoscopeError):
-    """An installed package adds something that cannot be used."""
+    """Features, a regressor, a robot or a format that others have added cannot be used."""
 
 
 class RobotFaultError(ServoscopeError):

@@ -13,8 +13,16 @@ from servoscope.errors import InvalidInputError
 from servoscope.poses import DOFS, poses_from_displacements
 
 
-def decide(data, wishes=None, n_jobs=1, families=("moments", "log_polar", "pose_covariance")):
-    return as_json(assess(data, n_jobs=n_jobs, families=families), wishes or {}, {})
+def decide(
+    data,
+    wishes=None,
+    n_jobs=1,
+    families=("moments", "log_polar", "pose_covariance"),
+    compare=False,
+):
+    return as_json(
+        assess(data, n_jobs=n_jobs, families=families, compare=compare), wishes or {}, {}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +32,7 @@ def plane():
 
 @pytest.fixture(scope="module")
 def decision(plane):
-    return decide(plane, {"tx": 1e-3, "rz": 90.0})
+    return decide(plane, {"tx": 1e-3, "rz": 90.0}, compare=True)
 
 
 @pytest.mark.slow
@@ -55,7 +63,7 @@ def test_tolerances_decide_what_is_advised(decision):
 
 @pytest.mark.slow
 def test_every_number_of_processes_decides_the_same(plane, decision):
-    other = decide(plane, {"tx": 1e-3, "rz": 90.0}, n_jobs=2)
+    other = decide(plane, {"tx": 1e-3, "rz": 90.0}, n_jobs=2, compare=True)
     for found in (decision, other):
         for row in (*found["regressors"], *found["regressors_on_moments"]):
             row.pop("seconds", None)

@@ -9,7 +9,9 @@ import pytest
 
 from planar import planar_data_set
 from servoscope.cli import main
-from servoscope.poses import DOFS
+from servoscope.pipeline import PosePipeline
+from servoscope.poses import DISPLAY_FACTORS, DOFS
+from servoscope.study.run import fingerprint
 
 KEYS = {"forecast_rms", "interval", "reached_rms", "unit", "limited_by", "best_features", "advice"}
 
@@ -25,7 +27,7 @@ def assess(data, folder: Path, *options: str) -> tuple[int, Path]:
 def finished(tmp_path_factory):
     """A run with a study, and what it printed."""
     folder = tmp_path_factory.mktemp("assess")
-    code, run = assess(planar_data_set(150, 24), folder, "--want", "t=1mm,rz=60deg")
+    code, run = assess(planar_data_set(150, 24), folder, "--study", "--want", "t=1mm,rz=60deg")
     assert code == 0
     return run
 
@@ -33,7 +35,7 @@ def finished(tmp_path_factory):
 @pytest.mark.slow
 def test_json_tells_the_decision_of_every_dof(finished, capsys):
     command = ["assess", str(finished.parent / "data"), "--out", str(finished), "--resume"]
-    options = ["--families", "moments,log_polar", "--protocol", "honest", "--want"]
+    options = ["--families", "moments,log_polar", "--protocol", "honest", "--study", "--want"]
     assert main([*command, *options, "t=1mm,rz=60deg", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert next(iter(told)) == "assessment"
@@ -45,6 +47,28 @@ def test_json_tells_the_decision_of_every_dof(finished, capsys):
         assert row["advice"]
     assert told["assessment"]["tx"]["wanted"] == 1.0
     assert told["protocols"]["honest"]["pivot"]["table1"]
+
+
+def test_the_pipeline_of_the_choice_is_saved_with_what_is_known_of_it(tmp_path):
+    data = planar_data_set(80, 16)
+    code, run = assess(data, tmp_path)
+    assert code == 0
+    summary = json.loads((run / "summary.json").read_text())
+    assert (summary["protocols"], summary["assessed"]["regressors"]) == ({}, [])
+    pipeline = PosePipeline.load(run / "models" / "pipeline")
+    told = pipeline.describe()
+    assert told["fingerprint"] == fingerprint(data)
+    assert len(told["groups"]) == 80
+    units = dict(zip(DOFS, DISPLAY_FACTORS, strict=True))
+    for dof, row in summary["assessment"].items():
+        assert told["forecast"][dof] * units[dof] == pytest.approx(row["forecast_rms"])
+        assert told["measured"][dof] * units[dof] == pytest.approx(row["reached_rms"])
+        low, high = row["reached_interval"]
+        assert low < row["reached_rms"] < high
+    test = pipeline.split_.test
+    error = pipeline.predict(data.images[test]) - data.delta_p()[test]
+    rms = np.sqrt(np.mean(error**2, axis=0))
+    np.testing.assert_allclose(rms, [told["measured"][dof] for dof in DOFS], rtol=1e-6)
 
 
 @pytest.mark.slow
@@ -61,7 +85,7 @@ def test_the_report_opens_with_the_decision(finished):
 
 @pytest.mark.slow
 def test_the_terminal_shows_the_decision_and_where_the_report_is(tmp_path, capsys):
-    code, run = assess(planar_data_set(90, 24), tmp_path)
+    code, run = assess(planar_data_set(90, 24), tmp_path, "--study")
     out = capsys.readouterr().out
     assert code == 0
     assert "What each degree of freedom will reach" in out

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from servoscope.dataset import PoseImageSet
 from servoscope.positioning.model_folder import read_model, write_model
 
 from planar import PIVOT, RANGES, planar_data_set, planar_images
 from planar_cell import SIZE, T_WORLD_REF, Cell
 from servoscope.commands.accuracy import has_table
 from servoscope.commands.info import describe_model
+from servoscope.data.images import PoseImageSet
 from servoscope.dofs import mask_of
 from servoscope.errors import DataSetError, InvalidInputError, ModelError
 from servoscope.keyframe import CameraModel

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from servoscope.errors import InvalidInputError
 from servoscope.regression import LMRegressor, PoseRegressor
-from servoscope.regression.parallel import NetworkJob, train_networks
 from servoscope.regression.registry import REGRESSORS
 
 SMALL = {
@@ -88,8 +87,6 @@ def test_masked_values_are_refused(regressor):
     model = PoseRegressor(regressor=regressor, dofs=("tx",))
     with pytest.raises(InvalidInputError, match=r"delta_p hides .* values behind a mask"):
         model.fit(X, hidden[1])
-    with pytest.raises(InvalidInputError, match=r"Y hides .* values behind a mask"):
-        list(train_networks(X, hidden[1][:, None], [NetworkJob(np.arange(3), 0)], range(40), None))
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from servoscope.regression import LMRegressor, PoseRegressor
-from servoscope.regression.parallel import NetworkJob, train_networks
+from servoscope.regression import PoseRegressor
 from servoscope.regression.registry import REGRESSORS
 
 NAMES = sorted(REGRESSORS)
@@ -110,24 +109,3 @@ def test_poses_may_be_named():
     np.testing.assert_allclose(fitted.posterior_.samples.y, y.reshape(50, 3).mean(axis=1))
     with pytest.raises(ValueError, match="poses must be 150 values, one for each sample"):
         fitted.fit(X, y, poses=poses[1:])
-
-
-def test_networks_side_by_side_learn_from_poses_as_well():
-    X, y, first = shots(4, 1e-4, 0.0)
-    job = [NetworkJob(np.arange(6), 0)]
-    template = LMRegressor(hidden=8, restarts=1)
-    n = len(y)
-    often = train_networks(X, y[:, None], job, range(n - 40), range(n - 40, n), regressor=template)
-    once = train_networks(
-        X[first], y[first][:, None], job, range(40), range(40, 50), regressor=template
-    )
-    (often,), (once,) = list(often), list(once)
-    np.testing.assert_allclose(often.predict(NEW), once.predict(NEW), atol=0.02)
-
-
-def test_networks_side_by_side_know_their_error_without_validation():
-    X, y, _ = shots(1, 0, 0.1)
-    template, job = LMRegressor(hidden=5), NetworkJob(np.arange(6), 0)
-    (net,) = train_networks(X, y[:, None], [job], range(50), regressor=template)
-    mean, deviation = net.predict(NEW, return_std=True)
-    assert 0.4 < np.sqrt(np.mean((mean - truth(NEW)) ** 2) + 0.1**2) / deviation[0] < 2.5

@@ -8,6 +8,7 @@ from sklearn.base import BaseEstimator, TransformerMixin
 
 from servoscope.acquisition_config import AcquisitionConfig
 from servoscope.errors import InvalidInputError
+from servoscope.pipeline import Recipe
 from servoscope.sensitivity import (
     DISTURBANCES,
     Disturbance,
@@ -54,12 +55,14 @@ class LinearWithoutGradient(Linear):
 def linear_model(regressor=None):
     images = take_images(CONFIG, range(4))
     delta_p = CONFIG.displacements()[:4]
-    return fit_pose_model(images, delta_p, np.full(6, 1e-3), PixelSums(), regressor or Linear())
+    recipe = Recipe(PixelSums(), regressor=regressor or Linear())
+    return fit_pose_model(images, delta_p, np.full(6, 1e-3), recipe)
 
 
 def pixel_weights(model):
     """What the prediction of tx, in mm, changes by for one grey level of each pixel."""
-    return model.features.weights_ @ model.regressors["tx"].weights_
+    pixels = model.pipeline.fitted_["PixelSums"].transformer.weights_
+    return pixels @ model.pipeline.regressors_["tx"].regressor.weights_
 
 
 def test_noise_through_a_linear_model_is_the_sum_of_the_squared_derivatives():
@@ -106,7 +109,7 @@ def test_regressors_without_a_gradient_are_differenced():
     rng = np.random.default_rng(1)
     X, direction = rng.standard_normal((2, 5, 7))
     closed, differenced = (linear_model(r) for r in (Linear(), LinearWithoutGradient()))
-    assert not hasattr(differenced.regressors["tx"], "gradient")
+    assert not hasattr(differenced.pipeline.regressors_["tx"].regressor, "gradient")
     assert differenced.slope(X, direction) == pytest.approx(closed.slope(X, direction), rel=1e-6)
     assert not differenced.slope(X, np.zeros((5, 7))).any()
 
@@ -121,7 +124,7 @@ def test_the_slope_is_that_of_the_prediction():
 
     images = take_images(CONFIG, range(4))
     ranges = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
-    model = fit_pose_model(images, np.zeros((4, 6)), ranges, PixelSums(), Cubic())
+    model = fit_pose_model(images, np.zeros((4, 6)), ranges, Recipe(PixelSums(), regressor=Cubic()))
     X, direction = np.random.default_rng(1).standard_normal((2, 5, 7))
     h = 1e-5
     wanted = (model.predict(X + h * direction) - model.predict(X - h * direction)) / (2 * h)

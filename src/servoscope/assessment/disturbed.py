@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.pipeline import PosePipeline
 from servoscope.poses import DOFS
 from servoscope.positioning.disturbances import SINGLE_DISTURBANCES, Disturbances
-from servoscope.processes import one_blas_thread
+from servoscope.processes import in_processes, one_blas_thread
 
 Array = NDArray[np.float64]
 
@@ -23,65 +25,72 @@ TITLES = {
 }
 """The disturbances in words."""
 
+N_CONDITIONS = 2 + len(SINGLE_DISTURBANCES)
 
-def disturbed_errors(
-    pipeline: PosePipeline, images: NDArray[np.uint8], targets: Array, seed: int = 0
-) -> dict[str, dict[str, float]]:
-    """RMS error under each of `SINGLE_DISTURBANCES`, and under none, as ``clean``.
+MOST_IMAGES = 60
+"""So many images show what a disturbance does."""
+
+
+def disturb(
+    pipeline: PosePipeline,
+    images: NDArray[np.uint8],
+    targets: Array,
+    sigma: float,
+    *,
+    seed: int = 0,
+    n_jobs: int | None = 1,
+    on_progress: Callable[[int], object] | None = None,
+) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
+    """What noise and other disturbances do to the predictions.
 
     Parameters
     ----------
     pipeline : PosePipeline
     images : ndarray of shape (n, height, width), uint8
-        Not learned from.
+        Not learned from; the first `MOST_IMAGES` count.
     targets : ndarray of shape (n, 6)
         Displacements in units of the range.
+    sigma : float
+        Standard deviation of the noise that the images have, [grey].
     seed : int
         Draws where things are covered, and the noise.
+    n_jobs : int, optional
+        Processes, as joblib counts them.
+    on_progress : callable, optional
+        Called with the number of `N_CONDITIONS` done.
 
     Returns
     -------
-    dict
-        By disturbance and dof, in units of the range.
+    changes : dict
+        RMS change of the prediction by dof when as much noise again is added.
+    errors : dict
+        RMS error under each of `SINGLE_DISTURBANCES`, and under none, as ``clean``, by dof. Both
+        in units of the range.
     """
-    conditions: dict[str, Disturbances | None] = {"clean": None, **SINGLE_DISTURBANCES}
-    errors: dict[str, dict[str, float]] = {}
-    for name, disturbance in conditions.items():
-        predicted = _predict(pipeline, _disturbed(images, disturbance, seed))
-        errors[name] = {
-            dof: _rms(values - targets[:, DOFS.index(dof)]) for dof, values in predicted.items()
-        }
-    return errors
+    images, targets = images[:MOST_IMAGES], targets[:MOST_IMAGES]
+    own = Disturbances.only(noise=min(sigma, 255.0)) if sigma > 0 else None
+    conditions = [None, own, *SINGLE_DISTURBANCES.values()]
+    calls = ((pipeline, images, how, seed) for how in conditions)
+    found: list[dict[str, Array]] = []
+    for predicted in in_processes(_predict, calls, n_jobs, batch_size=1):
+        found.append(predicted)
+        if on_progress is not None:
+            on_progress(len(found))
+    clean, noisy, *disturbed = found
+    changes = {dof: _rms(noisy[dof] - clean[dof]) for dof in pipeline.dofs}
+    errors = {
+        name: {dof: _rms(told[dof] - targets[:, DOFS.index(dof)]) for dof in pipeline.dofs}
+        for name, told in zip(("clean", *SINGLE_DISTURBANCES), (clean, *disturbed), strict=True)
+    }
+    return changes, errors
 
 
-def noise_errors(
-    pipeline: PosePipeline, images: NDArray[np.uint8], sigma: float, seed: int = 0
-) -> dict[str, float]:
-    """RMS change of the prediction when as much noise again is added to images as they have.
-
-    Parameters
-    ----------
-    pipeline : PosePipeline
-    images : ndarray of shape (n, height, width), uint8
-    sigma : float
-        Standard deviation of the noise, [grey].
-
-    Returns
-    -------
-    dict
-        By dof, in units of the range.
-    """
-    if sigma <= 0:
-        return dict.fromkeys(pipeline.dofs, 0.0)
-    noisy = _disturbed(images, Disturbances.only(noise=min(sigma, 255.0)), seed)
-    before, after = _predict(pipeline, images), _predict(pipeline, noisy)
-    return {dof: _rms(after[dof] - before[dof]) for dof in pipeline.dofs}
-
-
-def _predict(pipeline: PosePipeline, images: NDArray[np.uint8]) -> dict[str, Array]:
-    """Displacements by dof, in units of the range."""
+def _predict(
+    pipeline: PosePipeline, images: NDArray[np.uint8], how: Disturbances | None, seed: int
+) -> dict[str, Array]:
+    """Displacements of disturbed images by dof, in units of the range."""
     with one_blas_thread():
-        predicted = pipeline.predict(images) / pipeline.ranges_
+        predicted = pipeline.predict(_disturbed(images, how, seed)) / pipeline.ranges_
     return dict(zip(pipeline.dofs, predicted.T, strict=True))
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.assessment.disturbed import disturbed_errors, noise_errors
+from servoscope.assessment.disturbed import N_CONDITIONS, disturb
 from servoscope.assessment.image_facts import describe_images
 from servoscope.assessment.outcome import Assessment
 from servoscope.assessment.view import ViewFindings, examine_view
@@ -34,6 +34,7 @@ from servoscope.pipeline import (
     choose,
     fit_all,
     forecast_all,
+    shortlist,
 )
 from servoscope.pipeline.forecasts import QUICK, THOROUGH
 from servoscope.poses import DOFS
@@ -53,7 +54,7 @@ MIXES = (
 )
 """Families that are tried together: the paper's, and those that need no fitting."""
 
-N_FOLDS = 5
+N_FOLDS = 3
 """Parts of the images without which learned features are fitted anew, for their forecast."""
 
 Choice = dict[str, str]
@@ -144,11 +145,11 @@ class _Course:
         split = self.split
         images = describe_images(self.data)
         is_hopeless = not (images.change and self.moving)
-        table = self._table(("moments",) if is_hopeless else self.families, self.data.images)
+        tried = ("moments",) if is_hopeless else self.families
+        table = self._table(tried, self.data.images, self.targets, self.groups, "features")
         candidates = self._forecast(table)
-        choice = choose(candidates)
+        choice, forecasts = self._choose(table, candidates)
         recipes = {dof: candidates[name].recipe for dof, name in choice.items()}
-        forecasts = self._forecasts(table, recipes)
         fitted = self._train(table, [(r, dof) for dof, r in recipes.items()], "training")
         pipeline = self._pipeline(table, fitted, forecasts)
         noise, disturbed = self._disturb(pipeline, images.noise)
@@ -179,16 +180,18 @@ class _Course:
         self,
         families: Sequence[Any],
         images: NDArray[np.uint8],
-        groups: NDArray[np.intp] | None = None,
-        title: str = "features",
+        targets: Array,
+        groups: NDArray[np.intp] | None,
+        title: str,
     ) -> FeatureTable:
+        learn = self.split.learned if len(images) == len(self.data) else np.arange(len(images))
         with self.progress(title, FeatureTable.n_steps(families, N_FOLDS)) as advance:
             return FeatureTable.fit(
                 images,
-                self.targets,
+                targets,
                 families,
-                self.split.learned,
-                groups=self.groups if groups is None else groups,
+                learn,
+                groups=groups,
                 n_folds=N_FOLDS,
                 n_jobs=self.n_jobs,
                 on_progress=advance,
@@ -200,17 +203,31 @@ class _Course:
         found = iter(self._forecast_all(table, self.groups, jobs, "forecasts", QUICK))
         return {
             name: Candidate(
-                Recipe(name, regressor=self.regressor),
+                self._recipe(name),
                 len(table.columns(Recipe(name))),
                 {dof: next(found) for dof in self.moving},
             )
             for name in names
         }
 
-    def _forecasts(self, table: FeatureTable, recipes: dict[str, Recipe]) -> dict[str, Forecast]:
-        jobs = [(recipe, dof) for dof, recipe in recipes.items()]
+    def _recipe(self, features: str) -> Recipe:
+        settings = {"max_iter": 30} if self.regressor == "gaussian_process" else {}
+        return Recipe(features, regressor=self.regressor, settings=settings)
+
+    def _choose(
+        self, table: FeatureTable, candidates: dict[str, Candidate]
+    ) -> tuple[Choice, dict[str, Forecast]]:
+        """The candidate of each dof, of those that may be best, and its thorough forecast."""
+        names = shortlist(candidates)
+        jobs = [(candidates[name].recipe, dof) for name, dof in names]
         found = self._forecast_all(table, self.groups, jobs, "best forecasts", THOROUGH)
-        return dict(zip(recipes, found, strict=True))
+        thorough: dict[str, dict[str, Forecast]] = {}
+        for (name, dof), one in zip(names, found, strict=True):
+            thorough.setdefault(name, {})[dof] = one
+        choice = choose(
+            {name: replace(candidates[name], forecasts=by) for name, by in thorough.items()}
+        )
+        return choice, {dof: thorough[name][dof] for dof, name in choice.items()}
 
     def _forecast_all(
         self,
@@ -220,10 +237,11 @@ class _Course:
         title: str,
         effort: dict[str, int],
     ) -> list[Forecast]:
+        is_whole = len(table.values) == len(self.data)
         with self.progress(title, len(jobs)) as advance:
             return forecast_all(
                 table,
-                self.targets,
+                self.targets if is_whole else self.targets[self.split.learned],
                 groups,
                 jobs,
                 effort=effort,
@@ -278,12 +296,16 @@ class _Course:
         if pipeline is None:
             return {}, {}
         images, targets = self.data.images[self.split.test], self.targets[self.split.test]
-        with self.progress("disturbances", 2) as advance:
-            changes = noise_errors(pipeline, images, noise, self.seed)
-            advance(1)
-            errors = disturbed_errors(pipeline, images, targets, self.seed)
-            advance(2)
-        return changes, errors
+        with self.progress("disturbances", N_CONDITIONS) as advance:
+            return disturb(
+                pipeline,
+                images,
+                targets,
+                noise,
+                seed=self.seed,
+                n_jobs=self.n_jobs,
+                on_progress=advance,
+            )
 
     def _learning_curves(
         self, table: FeatureTable, recipes: dict[str, Recipe]
@@ -295,6 +317,7 @@ class _Course:
                     table.values[np.ix_(learn, table.columns(recipe))],
                     self.targets[learn, DOFS.index(dof)],
                     groups=None if self.groups is None else self.groups[learn],
+                    n_draws=2,
                     n_jobs=self.n_jobs,
                     **QUICK,
                 )
@@ -306,13 +329,15 @@ class _Course:
         families = self._families_of(recipes)
         if not families:
             return {}
-        middle = np.ascontiguousarray(crop_centre(self.data.images))
+        learn = self.split.learned
+        middle = np.ascontiguousarray(crop_centre(self.data.images[learn]))
+        groups = None if self.groups is None else self.groups[learn]
         try:
-            table = self._table(families, middle, title="narrower view")
+            table = self._table(families, middle, self.targets[learn], groups, "narrower view")
         except InvalidInputError:
             return dict.fromkeys(recipes)
         jobs = [(recipe, dof) for dof, recipe in recipes.items() if table.has(recipe.name)]
-        found = self._forecast_all(table, self.groups, jobs, "its forecasts", QUICK)
+        found = self._forecast_all(table, groups, jobs, "its forecasts", QUICK)
         rms = {dof: float(one.rms[0]) for (_, dof), one in zip(jobs, found, strict=True)}
         return {dof: rms.get(dof) for dof in recipes}
 
@@ -323,9 +348,9 @@ class _Course:
         if self.groups is None:
             return None
         if table.folds:
-            each = np.arange(len(self.data))
             families = self._families_of(recipes)
-            table = self._table(families, self.data.images, each, "features at random")
+            images = self.data.images
+            table = self._table(families, images, self.targets, None, "features at random")
         jobs = [(recipe, dof) for dof, recipe in recipes.items()]
         found = self._forecast_all(table, None, jobs, "forecasts at random", QUICK)
         return {dof: float(one.rms[0]) for dof, one in zip(recipes, found, strict=True)}
@@ -343,7 +368,7 @@ class _Course:
         if not self.compare or not all(table.has(recipe.name) for recipe in recipes.values()):
             return []
         jobs = [
-            (replace(recipe, regressor=name), dof)
+            (replace(recipe, regressor=name, settings={}), dof)
             for name in names
             for dof, recipe in recipes.items()
         ]

@@ -21,8 +21,8 @@ class LearnedProjection(ImageTransformer):
     A subclass learns `mean_`, of shape (n_pixels,), and `components_`, (n_features, n_pixels).
     """
 
-    mean_: NDArray
-    components_: NDArray
+    mean_: Any
+    components_: Any
     _min_images = 2
     _min_pixels = 2
     _is_supervised = True

@@ -115,8 +115,11 @@ class RobustProjection:
         weighted = values / self.noise * np.tile(weights, self.n_layers)
         right = weighted @ self._design.T + expected
         left = np.zeros((len(values), n_rows, n_rows))
-        left[:, *np.triu_indices(n_rows)] = weights @ self._grams
-        left += np.eye(n_rows)
+        packed, start = weights @ self._grams, 0
+        for i in range(n_rows):
+            left[:, i, i:] = packed[:, start : start + n_rows - i]
+            start += n_rows - i
+        left[:, np.arange(n_rows), np.arange(n_rows)] += 1
         return np.array([_solve_positive(*system) for system in zip(left, right, strict=True)])
 
     def _without_nuisances(self, solution: Array) -> Array:
@@ -153,8 +156,8 @@ def fit_robust_projection(
 
 
 def _solve_positive(left: Array, right: Array) -> Array:
-    """The solution by the upper triangle of `left`."""
-    _, solution, info = lapack.dposv(left, right)
+    """The solution by the upper triangle of `left`, which is overwritten."""
+    _, solution, info = lapack.dposv(left.T, right, lower=1, overwrite_a=1)
     if info != 0:
         raise LinAlgError("The normal equations are not positive definite.")
     return solution

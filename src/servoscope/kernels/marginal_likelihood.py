@@ -20,7 +20,8 @@ _STARTS = ((1.0, 0.1), (4.0, 0.03), (12.0, 0.03))
 target bends often, longer length scales end at noise alone."""
 
 _TRIAL_SAMPLES, _TRIAL_ITERATIONS = 100, 20
-"""On so many samples, for so long, starts other than the first show whether they lead further."""
+"""On so many samples, for so long, starts other than the first show whether they lead further;
+a search that is to be shorter than that is made from the first alone."""
 
 _WEIGHT_BOUNDS, _SIGNAL_BOUNDS, _NOISE_BOUNDS = (-9.0, 3.0), (-3.0, 4.0), (-9.0, 1.0)
 
@@ -83,6 +84,8 @@ def fit_kernel(X: Array, y: Array, *, max_iter: int = 60, max_samples: int = 600
 
 def _maximise(samples: _Samples, max_iter: int) -> tuple[Array, float, float]:
     first, *others = (_start(samples.X.shape[1], *start) for start in _STARTS)
+    if max_iter < _TRIAL_ITERATIONS:
+        others = []
     best, least = _search(samples, first, max_iter)
     step = -(-len(samples.y) // _TRIAL_SAMPLES)
     few = _Samples(samples.X[::step], samples.y[::step])

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
-from sklearn.neighbors import NearestNeighbors
 
 from servoscope.kernels.gaussian import Array
 
@@ -30,6 +29,9 @@ larger clusters are of different poses."""
 MOST_WITHIN = 0.05
 """Share of the variance that may be within the poses: of the features where targets are equal, of
 the targets where features are near."""
+
+_BLOCK = 2**22
+"""Numbers that are worked on at a time."""
 
 _LOOSE = 0.25
 """A group of equal targets with a sample farther from its mean than this, in shares of the
@@ -116,9 +118,7 @@ def _clusters(table: Array) -> Groups:
     n = len(distinct)
     if n <= LEAST_POSES:
         return equal
-    # a tree takes differences: the brute-force search finds 1e-9 to be 0 by cancellation
-    neighbours = NearestNeighbors(n_neighbors=min(MOST_SHOTS, n - 1), algorithm="kd_tree")
-    graph = neighbours.fit(distinct).kneighbors_graph(mode="distance")
+    graph = _neighbours(distinct, min(MOST_SHOTS, n - 1))
     edges = minimum_spanning_tree(graph.maximum(graph.T)).tocoo()
     lengths, least = np.sort(edges.data), int(LEAST_SHARE * n)
     ratios = lengths[least:] / lengths[least - 1 : -1]
@@ -132,6 +132,26 @@ def _clusters(table: Array) -> Groups:
     if np.sum(sizes > 1) < LEAST_POSES or sizes.max() > MOST_SHOTS or radius * LEAST_GAP > longer:
         return equal
     return groups[equal]
+
+
+def _neighbours(rows: Array, n_neighbours: int) -> csr_array:
+    """Distances of each row to its nearest ones.
+
+    Which ones these are is found from inner products, in which 1e-9 may be 0 by cancellation, but
+    their distances from differences.
+    """
+    n, n_block = len(rows), max(_BLOCK // (n_neighbours * rows.shape[1] + len(rows)), 1)
+    half_squares = 0.5 * np.einsum("ij,ij->i", rows, rows)
+    nearest, distances = np.empty((2, n, n_neighbours))
+    for start in range(0, n, n_block):
+        block = np.arange(start, min(start + n_block, n))
+        order = half_squares - rows[block] @ rows.T
+        order[np.arange(len(block)), block] = np.inf
+        found = np.argpartition(order, n_neighbours - 1, axis=1)[:, :n_neighbours]
+        nearest[block] = found
+        distances[block] = np.linalg.norm(rows[found] - rows[block, None], axis=2)
+    ends = np.arange(0, nearest.size + 1, n_neighbours)
+    return csr_array((distances.ravel(), nearest.ravel().astype(np.intp), ends), shape=(n, n))
 
 
 def _tight(groups: Groups, values: Array) -> Groups:
@@ -165,8 +185,8 @@ def _connected(a: NDArray, b: NDArray, n: int) -> Groups:
 
 
 def _means(values: Array, groups: Groups) -> Array:
-    sums = np.zeros((groups.max() + 1, *values.shape[1:]))
-    np.add.at(sums, groups, values)
+    n = len(groups)
+    sums = csr_array((np.ones(n), (groups, np.arange(n))), shape=(groups.max() + 1, n)) @ values
     sizes = np.bincount(groups).reshape(-1, *[1] * (values.ndim - 1))
     return np.asarray(sums / sizes)
 

@@ -3,6 +3,7 @@ from .forecasts import Candidate as Candidate
 from .forecasts import choose as choose
 from .forecasts import forecast as forecast
 from .forecasts import forecast_all as forecast_all
+from .forecasts import shortlist as shortlist
 from .pose_pipeline import PosePipeline as PosePipeline
 from .recipe import Recipe as Recipe
 from .training import Fitted as Fitted

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import Any
@@ -10,13 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.errors import InvalidInputError
+from servoscope.errors import InvalidInputError, PluginError, ServoscopeError
 from servoscope.features.catalogue import Family, resolve_families
 from servoscope.features.learned_projection import LearnedProjection
 from servoscope.features.snapshots import span_coordinates
 from servoscope.pipeline.recipe import Recipe
 from servoscope.processes import in_processes, one_blas_thread
 from servoscope.selection.crossfit import Fold, cut_folds
+from servoscope.wording import one_line
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -43,22 +45,24 @@ class FittedFamily:
     @classmethod
     def fit(cls, name: str, family: Family, images: Images, targets: Array) -> FittedFamily:
         """Fit a family to images and their displacements; see `transform`."""
-        transformer = family.make(len(images))
-        transformer.fit(images, targets)
-        n_features = _checked(name, transformer.transform(images[:1]), 1).shape[1]
-        return cls(family, transformer, feature_names(name, transformer, n_features))
+        with _named(name):
+            transformer = family.make(len(images))
+            transformer.fit(images, targets)
+            n_features = _checked(name, transformer.transform(images[:1]), 1).shape[1]
+            return cls(family, transformer, feature_names(name, transformer, n_features))
 
     def transform(self, images: Images) -> Array:
         """Features of images, (n, n_features).
 
         Raises
         ------
-        InvalidInputError
-            If the transformer gives no finite numbers, one row an image.
+        PluginError
+            If the transformer fails, or gives no finite numbers, one row an image.
         """
-        values = _checked(self.family.title, self.transformer.transform(images), len(images))
+        with _named(self.family.title):
+            values = _checked(self.family.title, self.transformer.transform(images), len(images))
         if values.shape[1] != len(self.names):
-            raise InvalidInputError(
+            raise PluginError(
                 f"The features {self.family.title!r} were {len(self.names)} when they were "
                 f"fitted, but are {values.shape[1]} of these images."
             )
@@ -135,6 +139,7 @@ class FeatureTable:
         groups = None if groups is None else groups[learn]
         parts = cut_folds(targets[learn], groups, n_folds) if n_folds else []
         refitted = _refitted_together(known) if parts else []
+        calls: list[tuple[Any, ...]]
         calls = [(images, targets, learn, together, parts) for together in refitted]
         calls += [(images, targets, learn, {name: family}, None) for name, family in known.items()]
         found: list[Any] = []
@@ -200,7 +205,7 @@ def _refitted_together(known: Mapping[str, Family]) -> list[dict[str, Family]]:
 
 def _joined(
     computed: Mapping[str, tuple[Array, FittedFamily] | None],
-    again: Mapping[str, list[Array] | None],
+    again: Mapping[str, Any],
     learn: Indices,
     parts: list[Indices],
 ) -> FeatureTable | None:
@@ -238,18 +243,31 @@ def feature_names(family: str, transformer: object, n_features: int) -> tuple[st
     return tuple(f"{family}_{i:02d}" for i in range(n_features))
 
 
+@contextmanager
+def _named(name: str) -> Iterator[None]:
+    """Say which features failed, in whatever way those of others do."""
+    try:
+        yield
+    except ServoscopeError:
+        raise
+    except Exception as error:
+        raise PluginError(
+            f"The features {name!r} failed ({type(error).__name__}: {one_line(error)})."
+        ) from error
+
+
 def _checked(name: str, values: object, n_images: int) -> Array:
     try:
         table = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InvalidInputError(f"The features {name!r} are no numbers ({error}).") from error
+        raise PluginError(f"The features {name!r} are no numbers ({error}).") from error
     if table.ndim != 2 or len(table) != n_images or not table.shape[1]:
-        raise InvalidInputError(
+        raise PluginError(
             f"The features {name!r} must be one row an image, ({n_images}, n_features), got "
             f"{table.shape}."
         )
     if not np.isfinite(table).all():
-        raise InvalidInputError(f"The features {name!r} hold NaN or infinity.")
+        raise PluginError(f"The features {name!r} hold NaN or infinity.")
     return table
 
 
@@ -267,7 +285,8 @@ def _compute(
     with one_blas_thread():
         if parts is None:
             return {name: _fit_one(images, targets, learn, name, f) for name, f in families.items()}
-        stack, Y = images[learn], targets[learn]
+        stack: NDArray[Any] = images[learn]
+        Y = targets[learn]
         if isinstance(next(iter(families.values())).make(2), LearnedProjection):
             stack = span_coordinates(stack.reshape(len(stack), -1))[:, None]
         return {name: _refit(stack, Y, name, family, parts) for name, family in families.items()}

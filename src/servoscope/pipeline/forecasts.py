@@ -23,11 +23,14 @@ Indices = NDArray[np.intp]
 HARDLY_BEHIND = 1.1
 """A forecast up to this many times the least is as good for fewer features."""
 
-QUICK: dict[str, Any] = {"max_samples": 200, "max_iter": 15}
+QUICK: dict[str, Any] = {"max_samples": 160, "max_iter": 15}
 """How many samples choose a kernel and for how long: enough to compare recipes."""
 
-THOROUGH: dict[str, Any] = {"max_samples": 300, "max_iter": 40}
-"""The same for the forecast of a recipe that was chosen."""
+THOROUGH: dict[str, Any] = {"max_samples": 400, "max_iter": 30}
+"""The same for the forecast of a recipe that may be chosen."""
+
+NEARLY_BEST = 1.2
+"""A quick forecast is this many times off at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +83,8 @@ def forecast(
         If the features are fitted to images and the table has no folds.
     """
     effort = {"max_samples": max_samples, "max_iter": max_iter}
-    return _forecast(*_parts(table, targets, groups, recipe), effort, n_jobs)
+    parts = _parts(table, targets, groups, recipe)
+    return _forecast(*parts, effort=effort, n_jobs=n_jobs)
 
 
 def forecast_all(
@@ -94,16 +98,37 @@ def forecast_all(
     n_jobs: int | None = -1,
     on_progress: Callable[[int], object] | None = None,
 ) -> list[Forecast]:
-    """The forecast of every recipe for a degree of freedom; see `forecast`."""
-    calls = [
-        (*_parts(table, targets[:, [list(dofs).index(dof)]], groups, recipe), effort, 1)
-        for recipe, dof in jobs
-    ]
-    found: list[Forecast] = []
-    for one in in_processes(_forecast, calls, n_jobs, batch_size=1):
-        found.append(one)
+    """The forecast of every recipe for a degree of freedom; see `forecast`.
+
+    Returns
+    -------
+    list of Forecast
+        In the order of the jobs, each of one target.
+    """
+    of_recipe: dict[str, list[int]] = {}
+    for number, (recipe, _) in enumerate(jobs):
+        of_recipe.setdefault(repr((recipe.name, recipe.columns)), []).append(number)
+    places = [list(dofs).index(dof) for _, dof in jobs]
+    calls = []
+    for numbers in of_recipe.values():
+        parts = _parts(table, targets[:, [places[i] for i in numbers]], groups, jobs[numbers[0]][0])
+        calls.append((numbers, parts, effort))
+    calls.sort(key=lambda call: -len(call[0]) * len(call[1][2]))  # those that take longest first
+    found: dict[int, Forecast] = {}
+    for numbers, one in in_processes(_forecast_several, calls, n_jobs, batch_size=1):
+        found |= {number: one.of(i) for i, number in enumerate(numbers)}
         if on_progress is not None:
             on_progress(len(found))
+    return [found[number] for number in range(len(jobs))]
+
+
+def shortlist(candidates: Mapping[str, Candidate], n_best: int = 2) -> list[tuple[str, str]]:
+    """The candidates that may be the best of a dof, by their quick forecasts, with that dof."""
+    found = []
+    for dof in _dofs_of(candidates):
+        rms = {name: float(one.forecasts[dof].rms[0]) for name, one in candidates.items()}
+        best = sorted(rms, key=lambda name: rms[name])[:n_best]
+        found += [(name, dof) for name in best if rms[name] <= NEARLY_BEST * rms[best[0]]]
     return found
 
 
@@ -113,7 +138,7 @@ def choose(candidates: Mapping[str, Candidate]) -> dict[str, str]:
     Parameters
     ----------
     candidates : dict of Candidate
-        With forecasts of the same dofs.
+        Those that have a forecast of a dof may be chosen for it.
 
     Returns
     -------
@@ -121,12 +146,28 @@ def choose(candidates: Mapping[str, Candidate]) -> dict[str, str]:
         Name of a candidate by dof.
     """
     chosen = {}
-    for dof in next(iter(candidates.values())).forecasts if candidates else ():
-        rms = {name: float(one.forecasts[dof].rms[0]) for name, one in candidates.items()}
+    for dof in _dofs_of(candidates):
+        rms = {
+            name: float(one.forecasts[dof].rms[0])
+            for name, one in candidates.items()
+            if dof in one.forecasts
+        }
         limit = HARDLY_BEHIND * min(rms.values())
         good = [name for name, error in rms.items() if error <= limit]
         chosen[dof] = min(good, key=lambda name: candidates[name].n_features)
     return chosen
+
+
+def _dofs_of(candidates: Mapping[str, Candidate]) -> list[str]:
+    """The dofs of which there are forecasts, in `DOFS` order where they have one."""
+    dofs = dict.fromkeys(dof for one in candidates.values() for dof in one.forecasts)
+    return sorted(dofs, key=lambda dof: DOFS.index(dof) if dof in DOFS else len(DOFS))
+
+
+def _forecast_several(
+    numbers: list[int], parts: tuple[Any, ...], effort: Mapping[str, int]
+) -> tuple[list[int], Forecast]:
+    return numbers, _forecast(*parts, effort=effort, n_jobs=1)
 
 
 def _parts(
@@ -151,6 +192,7 @@ def _forecast(
     folds: Sequence[Fold],
     targets: Array,
     groups: Indices | None,
+    *,
     effort: Mapping[str, int],
     n_jobs: int | None,
 ) -> Forecast:

@@ -209,15 +209,21 @@ class PosePipeline(RegressorMixin, BaseEstimator):
                 "The images must be of {} x {} px (height x width), as those learned from, got "
                 "{} x {}; resize them.".format(*self.image_shape_, *stack.shape[1:])
             )
-        X = np.hstack([one.transform(stack) for one in self.fitted_.values()])
-        told = [
+        means, deviations = self.predict_from(self.compute_features(stack))
+        return (means, deviations) if return_std else means
+
+    def compute_features(self, images: NDArray[Any]) -> Array:
+        """The features of images of shape (n, height, width) that any of the recipes takes."""
+        return np.hstack([one.transform(images) for one in self.fitted_.values()])
+
+    def predict_from(self, X: Array) -> tuple[Array, Array]:
+        """Displacements and their standard deviations from what `compute_features` returns."""
+        predicted = [
             predict_with_std(one.regressor, X[:, one.columns], one.validation_rms)
             for one in self.regressors_.values()
         ]
-        means, deviations = (
-            np.column_stack(part) * self.ranges_ for part in zip(*told, strict=True)
-        )
-        return (means, deviations) if return_std else means
+        means, deviations = zip(*predicted, strict=True)
+        return np.column_stack(means) * self.ranges_, np.column_stack(deviations) * self.ranges_
 
     def describe(self) -> dict[str, Any]:
         """What it is made of and what is known of it, as plain JSON values."""
@@ -265,15 +271,15 @@ class PosePipeline(RegressorMixin, BaseEstimator):
             families[name] = list(one.names)
             arrays |= _prefixed(f"features.{name}", _transformer_arrays(name, one))
         dofs = {}
-        for dof, one in self.regressors_.items():
-            dofs[dof] = {"recipe": one.recipe.to_json(), "validation_rms": one.validation_rms}
-            arrays[f"dofs.{dof}.columns"] = one.columns
-            if not hasattr(one.regressor, "to_arrays"):
+        for dof, fitted in self.regressors_.items():
+            dofs[dof] = {"recipe": fitted.recipe.to_json(), "validation_rms": fitted.validation_rms}
+            arrays[f"dofs.{dof}.columns"] = fitted.columns
+            if not hasattr(fitted.regressor, "to_arrays"):
                 raise InvalidInputError(
-                    f"The regressor {one.recipe.regressor!r} cannot be saved: it needs to_arrays "
-                    "and from_arrays."
+                    f"The regressor {fitted.recipe.regressor!r} cannot be saved: it needs "
+                    "to_arrays and from_arrays."
                 )
-            arrays |= _prefixed(f"dofs.{dof}.regressor", one.regressor.to_arrays())
+            arrays |= _prefixed(f"dofs.{dof}.regressor", fitted.regressor.to_arrays())
         header = {"families": families, "dofs": dofs, "record": self.record_}
         text = json.dumps(header, allow_nan=True).encode()
         return {"header": np.frombuffer(text, np.uint8), **arrays}

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.utils.validation import has_fit_parameter
 
+from servoscope.arrays import as_numbers, check_scale
 from servoscope.data.splits import Split
 from servoscope.errors import InvalidInputError
 from servoscope.kernels import find_repeats
@@ -136,7 +137,7 @@ def fit_all(
     >>> fitted[0].columns, fitted[0].test_rms < 0.05
     (array([0]), True)
     """
-    X, Y = table.values, np.asarray(targets, dtype=np.float64)
+    X, Y = table.values, as_numbers(targets, "targets")
     _check(X, Y, split, dofs)
     learned = np.concatenate([split.train, split.validation])
     members = find_repeats(X[learned], Y[learned]) if poses is None else np.asarray(poses)[learned]
@@ -234,6 +235,9 @@ def _check(X: Array, Y: Array, split: Split, dofs: Sequence[str]) -> None:
         )
     if not (np.isfinite(X).all() and np.isfinite(Y).all()):
         raise InvalidInputError("Features and targets must be finite, but hold NaN or infinity.")
+    for values, name in ((X, "Features"), (Y, "Targets")):
+        if values.size:
+            check_scale(values, name)
     if len(split.train) < 2:
         raise InvalidInputError(f"At least two images must train, got {len(split.train)}.")
     rows = np.concatenate([split.train, split.validation, split.test])

@@ -8,7 +8,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.data.splits import Split
 from servoscope.errors import InvalidInputError
+from servoscope.pipeline import FeatureTable, Fitted, Recipe, fit_all
 from servoscope.poses import DISPLAY_FACTORS, DOFS
 from servoscope.positioning.disturbances import SINGLE_DISTURBANCES, Disturbances
 from servoscope.positioning.feature_subsets import Subsets, rank_paper, rank_wide
@@ -16,7 +18,7 @@ from servoscope.positioning.holding_up import LARGEST_SHARE, disturbance_shares
 from servoscope.positioning.linear_features import FeaturePool
 from servoscope.positioning.network_samples import Samples, measure_samples, one_a_row
 from servoscope.positioning.pose_networks import PoseNetworks
-from servoscope.regression import LMRegressor, NetworkJob, PoseRegressor, train_networks
+from servoscope.regression import LMRegressor, PoseRegressor
 
 Array = NDArray[np.float64]
 Progress = Callable[[int], object]
@@ -84,29 +86,31 @@ def _train(
         one_a_row(samples.validation, samples.validation_delta_p),
     )
     jobs = [
-        NetworkJob(np.array(subset), i, zlib.crc32(f"{seed} {dof} {subset}".encode()))
-        for i, dof in enumerate(DOFS)
+        (_recipe(subset, network, zlib.crc32(f"{seed} {dof} {subset}".encode())), dof)
+        for dof in DOFS
         for subset in subsets[dof]
     ]
-    n_train, n_all = len(train[0]), len(train[0]) + len(validation[0])
-    trained = train_networks(
-        np.concatenate([train[0], validation[0]]),
-        np.concatenate([train[1], validation[1]]),
+    X, Y = (np.concatenate(parts) for parts in zip(train, validation, strict=True))
+    n_train, n_all = len(train[0]), len(X)
+    trained = fit_all(
+        FeatureTable(X, tuple(map(str, range(X.shape[1]))), ("pool",) * X.shape[1]),
+        Y,
+        Split(np.arange(n_train), np.arange(n_train, n_all), np.arange(0)),
         jobs,
-        np.arange(n_train),
-        np.arange(n_train, n_all),
-        regressor=network,
+        poses=np.arange(n_all),  # disturbed copies of an image are there to differ
         n_jobs=n_jobs,
         on_progress=on_progress,
-        poses=np.arange(n_all),  # disturbed copies of an image are there to differ
     )
-    best: dict[str, tuple[NetworkJob, LMRegressor]] = {}
-    for job, net in zip(jobs, trained, strict=True):
-        dof = DOFS[job.target]
-        if dof not in best or net.result_.best_rms < best[dof][1].result_.best_rms:
-            best[dof] = job, net
-    nets = {dof: net for dof, (_, net) in best.items()}
-    return nets, {dof: job.columns for dof, (job, _) in best.items()}
+    best: dict[str, Fitted] = {}
+    for one in trained:
+        if one.dof not in best or one.validation_rms < best[one.dof].validation_rms:
+            best[one.dof] = one
+    nets = {dof: one.regressor for dof, one in best.items()}
+    return nets, {dof: one.columns for dof, one in best.items()}
+
+
+def _recipe(subset: Sequence[int], network: LMRegressor, seed: int) -> Recipe:
+    return Recipe("pool", tuple(map(str, subset)), network, {"random_state": seed})
 
 
 def _left_out(

@@ -1,14 +1,10 @@
 from .bayesian_network import BayesianLMRegressor as BayesianLMRegressor
-from .comparison import RegressorScore as RegressorScore
-from .comparison import compare_regressors as compare_regressors
 from .gaussian_process import GaussianProcess as GaussianProcess
 from .kernel_ridge import GaussianKernelRidge as GaussianKernelRidge
 from .lbfgs_network import LBFGSRegressor as LBFGSRegressor
 from .levenberg_marquardt import LMResult as LMResult
 from .levenberg_marquardt import LMSettings as LMSettings
 from .network import LMRegressor as LMRegressor
-from .parallel import NetworkJob as NetworkJob
-from .parallel import train_networks as train_networks
 from .per_dof import PoseRegressor as PoseRegressor
 from .registry import REGRESSORS as REGRESSORS
 from .registry import Regressor as Regressor

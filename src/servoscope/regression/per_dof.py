@@ -159,7 +159,7 @@ class PoseRegressor(RegressorMixin, BaseEstimator):
     def from_fitted(
         cls, regressors: Mapping[str, Any], columns: Mapping[str, Sequence[int]], n_features: int
     ) -> PoseRegressor:
-        """Join regressors that were fitted elsewhere, such as by `train_networks`.
+        """Join regressors that were fitted elsewhere, such as by `servoscope.pipeline.fit_all`.
 
         Parameters
         ----------

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import eigh
 from scipy.stats import differential_entropy
 
+from servoscope.processes import one_blas_thread
 from servoscope.selection.bias import corrected_mutual_information
 from servoscope.selection.ranks import normal_scores
 from servoscope.selection.tables import as_samples, in_ordinary_units
@@ -115,8 +117,11 @@ def joint_information(X: Array, Y: Array) -> Array:
     number of features.
     """
     scores, target_scores = normal_scores(X), normal_scores(Y)
-    basis, sizes, _ = np.linalg.svd(scores, full_matrices=False)
-    basis = basis[:, sizes > 1e-9 * max(sizes[0], 1.0)]
+    is_wide = scores.shape[1] > len(scores)
+    with one_blas_thread():
+        squares, axes = eigh(scores @ scores.T if is_wide else scores.T @ scores)
+    kept = squares > 1e-12 * max(squares[-1], 1.0)
+    basis = axes[:, kept] if is_wide else scores @ (axes[:, kept] / np.sqrt(squares[kept]))
     n_free = len(X) - 1 - basis.shape[1]
     if n_free < 1:
         return np.zeros(Y.shape[1])

@@ -59,6 +59,17 @@ class Forecast:
         left = np.divide(self.rms, self.baseline, out=np.ones_like(self.rms), where=self.rms > 0)
         return np.clip(1.0 - left**2, 0.0, 1.0)
 
+    def of(self, target: int) -> Forecast:
+        """That of one target."""
+        one = slice(target, target + 1)
+        return Forecast(
+            self.rms[one],
+            self.interval[:, one],
+            self.baseline[one],
+            self.residuals[:, one],
+            EntropyPower(self.entropy_power.single[one], self.entropy_power.joint[one]),
+        )
+
     def in_units(self, unit: Array) -> Forecast:
         """The same where one of a target's present units is so many others."""
         return Forecast(

@@ -130,6 +130,7 @@ def learning_curve(
     Y: ArrayLike,
     *,
     groups: ArrayLike | None = None,
+    n_draws: int = 8,
     n_jobs: int | None = 1,
     max_samples: int = 300,
     max_iter: int = 25,
@@ -143,6 +144,8 @@ def learning_curve(
     Y : array of shape (n_samples, n_targets) or (n_samples,)
     groups : array of shape (n_samples,), optional
         What belongs together, such as the blocks of a sequence; 4 groups at least.
+    n_draws : int
+        Most subsets of each size; 2 at least.
     n_jobs, max_samples, max_iter
         As of `forecast_errors`.
 
@@ -183,7 +186,7 @@ def learning_curve(
     targets = targets - targets[0]  # what never changes is exactly 0
     forecast = forecast_errors(features, targets, groups=members, n_jobs=n_jobs, **effort)
     poses = group_poses(features, targets, members)
-    subsets = _draw_subsets(len(features), poses.groups_of_shots)
+    subsets = _draw_subsets(len(features), poses.groups_of_shots, max(n_draws, 2))
     calls = [
         (features, y, poses.members, subset, effort)
         for y in targets.T
@@ -207,7 +210,7 @@ def learning_curve(
     )
 
 
-def _draw_subsets(n_samples: int, groups: Indices | None) -> list[list[Indices]]:
+def _draw_subsets(n_samples: int, groups: Indices | None, n_draws: int) -> list[list[Indices]]:
     """Several subsets of each size, from the smallest size up."""
     n_units = n_samples if groups is None else groups.max() + 1
     n_pieces = 8 if n_samples >= _FINE_CUT and n_units >= 8 else 4
@@ -215,6 +218,7 @@ def _draw_subsets(n_samples: int, groups: Indices | None) -> list[list[Indices]]
     subsets = []
     for share in (1, 2, 4, 6) if n_pieces == 8 else (1, 2, 3):
         starts = range(0, n_pieces, min(share, n_pieces - share))
+        starts = starts[:: -(-len(starts) // n_draws)]
         rings = [[(start + i) % n_pieces for i in range(share)] for start in starts]
         subsets.append([np.sort(np.concatenate([pieces[i] for i in ring])) for ring in rings])
     return subsets

@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from servoscope.acquisition_config import AcquisitionConfig
 from servoscope.errors import InvalidInputError
-from servoscope.features import (
-    Eigenfeatures,
-    GeometricMoments,
-    IntensityMoments,
-    RobustMoments,
-    TchebichefMoments,
-)
+from servoscope.pipeline import Recipe
 from servoscope.regression import REGRESSORS
 from servoscope.sensitivity.disturbances import DISTURBANCES
 
-FEATURES: dict[str, Callable[[], Any]] = {
-    "moments": GeometricMoments,
-    "eigenfeatures": lambda: Eigenfeatures(24),
-    "tchebichef": TchebichefMoments,
-    "intensity": IntensityMoments,
-    "robust": RobustMoments,
+FEATURES = {
+    "moments": Recipe("moments"),
+    "eigenfeatures": Recipe("eigenfeatures", ("e_[01]?", "e_2[0-3]")),
+    "tchebichef": Recipe("tchebichef"),
+    "intensity": Recipe("intensity"),
+    "robust": Recipe("robust"),
 }
-"""The features that a model may take, by name."""
+"""What a model may take, by name."""
 
 DEFAULT_FEATURES = ("moments", "eigenfeatures", "tchebichef")
 """Two of the paper's families, and a smooth one."""

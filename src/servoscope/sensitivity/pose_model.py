@@ -1,18 +1,16 @@
-"""Image features and a regressor for each degree of freedom, with the derivative of both."""
+"""A pipeline from images to displacements, with the derivative of its predictions."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import clone
-from sklearn.utils.validation import has_fit_parameter
 
+from servoscope.data.splits import Split
+from servoscope.pipeline import FeatureTable, Fitted, PosePipeline, Recipe, fit_all
 from servoscope.poses import DOFS
-from servoscope.processes import one_blas_thread
 
 Array = NDArray[np.float64]
 
@@ -22,34 +20,27 @@ _STEP = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class PoseModel:
-    """The displacement of the camera as told from an image.
+    """The displacement of the camera as predicted from an image, and its derivative.
 
     Parameters
     ----------
-    features : transformer
-        Fitted; of images.
-    regressors : dict
-        For each dof one with ``predict(X)``, of shape (n,), in shares of its range; where there
-        is a ``gradient(X)``, of shape (n, n_features), it is used.
-    ranges : ndarray of shape (6,)
-        [m] and [rad].
+    pipeline : PosePipeline
+        Of all six dofs. Where a regressor has a ``gradient(X)``, of shape (n, n_features), it is
+        used.
     spreads : ndarray of shape (n_features,)
         Standard deviations of the features in training.
     """
 
-    features: Any
-    regressors: Mapping[str, Any]
-    ranges: Array
+    pipeline: PosePipeline
     spreads: Array = field(repr=False)
 
     def transform(self, images: NDArray[Any]) -> Array:
         """Features of images, (n, n_features)."""
-        return np.asarray(self.features.transform(images), dtype=np.float64)
+        return self.pipeline.compute_features(images)
 
     def predict(self, X: Array) -> Array:
-        """Displacements told from features, (n, 6), [m] and [rad]."""
-        told = [self.regressors[dof].predict(X) for dof in DOFS]
-        return np.column_stack(told) * self.ranges
+        """Displacements predicted from features, (n, 6), [m] and [rad]."""
+        return self.pipeline.predict_from(X)[0]
 
     def slope(self, X: Array, direction: Array) -> Array:
         """How fast `predict` changes at features X as they go along directions.
@@ -63,13 +54,15 @@ class PoseModel:
         ndarray of shape (n, 6)
             [m] and [rad], for each time that the direction is gone along.
         """
-        slopes = [self._slope_of(self.regressors[dof], X, direction) for dof in DOFS]
-        return np.column_stack(slopes) * self.ranges
+        slopes = [self._slope_of(one, X, direction) for one in self.pipeline.regressors_.values()]
+        return np.column_stack(slopes) * self.pipeline.ranges_
 
-    def _slope_of(self, regressor: Any, X: Array, direction: Array) -> Array:
+    def _slope_of(self, fitted: Fitted, X: Array, direction: Array) -> Array:
+        regressor, columns = fitted.regressor, fitted.columns
+        X, direction, spreads = X[:, columns], direction[:, columns], self.spreads[columns]
         if hasattr(regressor, "gradient"):
             return np.asarray(np.einsum("ij,ij->i", regressor.gradient(X), direction))
-        size = np.abs(direction / np.where(self.spreads > 0, self.spreads, np.inf)).max(axis=1)
+        size = np.abs(direction / np.where(spreads > 0, spreads, np.inf)).max(axis=1)
         h = _STEP / np.where(size > 0, size, 1.0)
         ahead = regressor.predict(X + h[:, None] * direction)
         behind = regressor.predict(X - h[:, None] * direction)
@@ -77,9 +70,11 @@ class PoseModel:
 
 
 def fit_pose_model(
-    images: NDArray[np.uint8], delta_p: Array, ranges: Array, features: Any, regressor: Any
+    images: NDArray[np.uint8], delta_p: Array, ranges: Array, recipe: Recipe
 ) -> PoseModel:
-    """Fit image features, and a regressor for each dof to targets in shares of the range.
+    """Fit a recipe for each dof to targets in shares of the range.
+
+    The last fifth of the images stops networks.
 
     Parameters
     ----------
@@ -88,22 +83,11 @@ def fit_pose_model(
         [m] and [rad], in `DOFS` order.
     ranges : ndarray of shape (6,)
         [m] and [rad].
-    features : transformer
-        Its ``fit`` is given the images and their targets; a copy is fitted.
-    regressor : estimator
-        Cloned for each dof.
+    recipe : Recipe
     """
-    targets = delta_p / ranges
-    with one_blas_thread():
-        fitted = clone(features).fit(images, targets)
-        X = np.asarray(fitted.transform(images), dtype=np.float64)
-        regressors = {dof: _fit(clone(regressor), X, targets[:, i]) for i, dof in enumerate(DOFS)}
-    return PoseModel(fitted, regressors, ranges, X.std(axis=0))
-
-
-def _fit(regressor: Any, X: Array, y: Array) -> Any:
-    """Fit to all samples; the last fifth of them stops those that know what to do with it."""
-    if not has_fit_parameter(regressor, "X_val"):
-        return regressor.fit(X, y)
-    n_train = len(y) - len(y) // 5
-    return regressor.fit(X[:n_train], y[:n_train], X[n_train:], y[n_train:])
+    n, targets = len(images), delta_p / ranges
+    split = Split(np.arange(n - n // 5), np.arange(n - n // 5, n), np.arange(0))
+    table = FeatureTable.fit(images, targets, recipe.families, n_jobs=1)
+    fitted = fit_all(table, targets, split, [(recipe, dof) for dof in DOFS], n_jobs=1)
+    pipeline = PosePipeline.from_fitted(table, fitted, ranges, split, images[0])
+    return PoseModel(pipeline, table.values.std(axis=0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -9,7 +10,6 @@ from servoscope.data.images import PoseImageSet
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 from servoscope.processes import in_processes
 from servoscope.progress import ProgressBar, no_progress
-from servoscope.regression.registry import make_regressor
 from servoscope.sensitivity.config import FEATURES, SensitivityConfig
 from servoscope.sensitivity.disturbances import DISTURBANCES
 from servoscope.sensitivity.measurement import measure, n_sets
@@ -45,13 +45,13 @@ class SensitivityRun:
     def models(self) -> dict[str, PoseModel]:
         """A regressor for each dof over each of the features; trained when first used."""
         train, names = slice(self.config.n_images), self.config.features
-        regressor = make_regressor(self.config.regressor)
+        regressor = self.config.regressor
         learned = (
             self.data.images[train],
             self.data.delta_p()[train],
             self.data.ranges(),
         )
-        calls = [(*learned, FEATURES[name](), regressor) for name in names]
+        calls = [(*learned, replace(FEATURES[name], regressor=regressor)) for name in names]
         models = {}
         with self.progress("training", len(calls)) as advance:
             fitted = in_processes(fit_pose_model, calls, self.n_jobs)
