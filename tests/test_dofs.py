@@ -4,11 +4,11 @@ import json
 
 import numpy as np
 import pytest
-from servoscope.assessment.independence import moves_enough
 
 from planar import PIVOT, RANGES, planar_data_set
 from servoscope.acquisition import AcquisitionConfig, acquire
 from servoscope.data.images import PoseImageSet
+from servoscope.data.independence import moves_enough
 from servoscope.dofs import check_dofs, mask_of, moving_dofs, parse_dofs
 from servoscope.errors import DataSetError, InvalidInputError
 from servoscope.poses import (
