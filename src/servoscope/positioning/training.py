@@ -179,8 +179,8 @@ def _levels(
     reach, delta_p = data.ranges(), data.delta_p()
     p = delta_p / reach
     rng = np.random.default_rng([seed, len(data)])
-    is_sequence = data.split == "blocks"
-    groups = independent_groups(data, _N_GROUPS).labels if is_sequence else None
+    independence = independent_groups(data, _N_GROUPS)
+    groups = None if independence.kind == "independent" else independence.labels
     levels, held_out = learn_levels(data.images, p, data.reference_image, rng, groups=groups)
     tell(1)
     is_kept = np.zeros(len(p), dtype=bool)
