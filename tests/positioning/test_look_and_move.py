@@ -265,3 +265,18 @@ def test_images_that_differ_at_the_end_are_not_averaged() -> None:
     cell = Shaken(0 * START)
     result = Positioner(Oracle(cell, std=0.2 * RANGES)).run(cell, cell)
     assert result.status != "converged"
+
+
+def test_an_image_that_is_not_recognised_among_the_last_ends_the_run_unmoved() -> None:
+    class CoveredOnce(Noisy):
+        n_answers = 0
+
+        def estimate(self, image, previous):
+            self.n_answers += 1
+            found = super().estimate(image, previous)
+            return replace(found, novelty=2.0) if self.n_answers == 4 else found
+
+    cell = Cell(0 * START)
+    limits = LoopSettings(tolerance_mm=5, tolerance_deg=1)
+    result = Positioner(CoveredOnce(cell, 0), limits).run(cell, cell)
+    assert (result.status, result.moves) == ("abstained", 0)

@@ -156,7 +156,7 @@ class Run:
         self.steps.append(Step(pose, error, estimate, None, None, np.nan, comparison))
         decision = self._decision()
         has_arrived = isinstance(decision, RunEnded) and decision.status in _ARRIVED
-        if has_arrived or (self._n_corrections and not isinstance(decision, RunEnded)):
+        if has_arrived or (self._n_corrections and isinstance(decision, np.ndarray)):
             decision = self._confirmed(decision, image)
         commanded = None if isinstance(decision, RunEnded) else decision
         seconds = time.perf_counter() - start
@@ -184,9 +184,14 @@ class Run:
             compared = first.compare(image)
             if arrival.is_displaced(compared):
                 return self._unsteady(compared)
-            if is_averaged:
-                estimates.append(self._estimate(image))
-        return self._averaged(estimates) if is_averaged else decision
+            if not is_averaged:
+                continue
+            estimate = self._estimate(image)
+            if reason := guard.novelty_fault(estimate, self.settings):
+                return RunEnded("abstained", reason)
+            if estimate.is_finest:
+                estimates.append(estimate)
+        return self._averaged(estimates) if len(estimates) > 2 else decision
 
     def _unsteady(self, compared: Comparison) -> RunEnded | None:
         """The end of a run whose view moves while the robot stands, once that is certain."""
