@@ -91,10 +91,19 @@ def test_wrong_requests_end_with_one_line_and_leave_nothing(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("arguments", [["--part", "valve"], ["--robot", "crane"], ["--schedule"]])
+@pytest.mark.parametrize("arguments", [["--part", "valve"], ["--schedule"]])
 def test_unknown_names_are_wrong_usage(arguments: list[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
         main(["acquire", "out", *arguments])
+
+
+def test_an_unknown_robot_is_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["acquire", str(tmp_path / "out"), "--robot", "crane"]) == 1
+    err = capsys.readouterr().err
+    assert "robot must be one of arm, free, got 'crane'" in err
+    assert len(err.splitlines()) == 1
 
 
 def test_images_and_rings_together_are_wrong_usage(

@@ -9,6 +9,7 @@ import pytest
 
 from planar import planar_data_set
 from servoscope.cli import main
+from servoscope.dataset import PoseImageSet
 from servoscope.pipeline import PosePipeline
 from servoscope.poses import DISPLAY_FACTORS, DOFS
 from servoscope.study.run import fingerprint
@@ -57,7 +58,7 @@ def test_the_pipeline_of_the_choice_is_saved_with_what_is_known_of_it(tmp_path):
     assert (summary["protocols"], summary["assessed"]["regressors"]) == ({}, [])
     pipeline = PosePipeline.load(run / "models" / "pipeline")
     told = pipeline.describe()
-    assert told["fingerprint"] == fingerprint(data)
+    assert told["fingerprint"] == fingerprint(PoseImageSet.load(tmp_path / "data"))
     assert len(told["groups"]) == 80
     units = dict(zip(DOFS, DISPLAY_FACTORS, strict=True))
     for dof, row in summary["assessment"].items():
@@ -68,7 +69,7 @@ def test_the_pipeline_of_the_choice_is_saved_with_what_is_known_of_it(tmp_path):
     test = pipeline.split_.test
     error = pipeline.predict(data.images[test]) - data.delta_p()[test]
     rms = np.sqrt(np.mean(error**2, axis=0))
-    np.testing.assert_allclose(rms, [told["measured"][dof] for dof in DOFS], rtol=1e-6)
+    np.testing.assert_allclose(rms, [told["measured"][dof] for dof in DOFS], rtol=1e-3)
 
 
 @pytest.mark.slow

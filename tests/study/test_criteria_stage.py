@@ -10,7 +10,8 @@ from servoscope.poses import DOFS
 from servoscope.selection import CRITERIA, MutualInfoSelector
 from servoscope.study import Study, StudyConfig, criteria, forecasts, open_run_folder
 from servoscope.study.criteria import SIZES, UNIT, compare_criteria
-from servoscope.study.networks import train_nets
+from servoscope.study.feature_tables import CANDIDATES
+from servoscope.study.networks import subset_recipe, train_nets
 
 QUICK = StudyConfig(hidden=2, restarts=1, n_thresholds=3, protocols=("honest",))
 
@@ -40,7 +41,7 @@ def test_every_criterion_has_an_error_for_every_dof_and_size(compared):
 
 def test_every_criterion_selects_on_the_images_that_train(study, compared):
     table, train = study.tables[UNIT], study.split("honest").train
-    X, y = table.values[np.ix_(train, table.candidates)], study.targets("pivot")[train, 4]
+    X, y = table.values[np.ix_(train, table.columns(CANDIDATES))], study.targets("pivot")[train, 4]
     for name in set(CRITERIA) - {"forecast"}:
         order = MutualInfoSelector(max(SIZES), name).fit(X, y).ranking_
         assert compared["selected"][name]["ry"] == [table.names[i] for i in order]
@@ -50,8 +51,9 @@ def test_errors_are_those_of_test_images(study, compared):
     table, split = study.tables[UNIT], study.split("honest")
     columns = [table.names.index(name) for name in compared["selected"]["jmi"]["rx"][:8]]
     targets = study.targets("pivot")
-    (net,) = train_nets(table, targets, split, ["rx"], [np.sort(columns)], QUICK, n_jobs=1)
-    predicted = net.net.predict(table.values[np.ix_(split.test, net.columns)])
+    job = (subset_recipe(table, np.sort(columns)), "rx")
+    (net,) = train_nets(table, targets, split, [job], QUICK, n_jobs=1)
+    predicted = net.regressor.predict(table.values[np.ix_(split.test, net.columns)])
     expected = np.sqrt(np.mean((predicted - targets[split.test, 3]) ** 2))
     assert compared["errors"]["jmi"]["rx"][SIZES.index(8)] == pytest.approx(expected, rel=1e-9)
 

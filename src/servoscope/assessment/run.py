@@ -211,7 +211,7 @@ class _Course:
         }
 
     def _recipe(self, features: str) -> Recipe:
-        settings = {"max_iter": 30} if self.regressor == "gaussian_process" else {}
+        settings = {"kernel_steps": 30} if self.regressor == "gaussian_process" else {}
         return Recipe(features, regressor=self.regressor, settings=settings)
 
     def _choose(

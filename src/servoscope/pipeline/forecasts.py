@@ -26,7 +26,7 @@ HARDLY_BEHIND = 1.1
 QUICK: dict[str, Any] = {"max_samples": 160, "max_iter": 15}
 """How many samples choose a kernel and for how long: enough to compare recipes."""
 
-THOROUGH: dict[str, Any] = {"max_samples": 400, "max_iter": 30}
+THOROUGH: dict[str, Any] = {"max_samples": 360, "max_iter": 30}
 """The same for the forecast of a recipe that may be chosen."""
 
 NEARLY_BEST = 1.2

@@ -30,7 +30,7 @@ KIND = "pose pipeline"
 MOST_PIXELS = 2**24
 """Most pixels of an image that a saved pipeline may be for."""
 
-_TOLERANCE = 1e-6
+_TOLERANCE = 1e-3
 """A pipeline that was saved predicts as before, up to this share of the range."""
 
 

@@ -20,7 +20,7 @@ class GaussianProcess(KernelRegressor):
     max_samples : int
         Of more samples than that, so many drawn at random are learned from, always the same
         ones: memory grows with their square and time with their cube.
-    max_iter : int
+    kernel_steps : int
         Most steps of the search for the kernel.
 
     Attributes
@@ -43,9 +43,9 @@ class GaussianProcess(KernelRegressor):
     (True, True)
     """
 
-    def __init__(self, max_samples: int = 2000, max_iter: int = 60) -> None:
+    def __init__(self, max_samples: int = 2000, kernel_steps: int = 60) -> None:
         self.max_samples = max_samples
-        self.max_iter = max_iter
+        self.kernel_steps = kernel_steps
 
     def _find_kernel(self, samples: Samples) -> GaussianKernel:
-        return fit_kernel(*samples, max_samples=KERNEL_SAMPLES, max_iter=self.max_iter)
+        return fit_kernel(*samples, max_samples=KERNEL_SAMPLES, max_iter=self.kernel_steps)
