@@ -9,7 +9,7 @@ import pytest
 
 from planar import planar_data_set
 from servoscope.cli import main
-from servoscope.dataset import PoseImageSet
+from servoscope.data.images import PoseImageSet
 from servoscope.pipeline import PosePipeline
 from servoscope.poses import DISPLAY_FACTORS, DOFS
 from servoscope.study.run import fingerprint
