@@ -180,6 +180,11 @@ def test_where_the_view_is_the_limit_no_other_features_are_asked_for():
     assert "no image of this view tells it better than 0.05 mm" in line
 
 
+def test_where_a_keyframe_meets_the_tolerance_no_more_images_are_asked_for():
+    found = replace(FOUND, tolerance=0.1, loop=0.02, at_five_times=0.1, inner=0.1)
+    assert advise(found) == ["position by a keyframe: the loop ends at 0.02 mm"]
+
+
 def test_no_more_than_three_lines_are_advised_and_none_has_an_exponent():
     found = replace(
         FOUND, rms=500.0, reached=500.0, inner=123.4, without_border=2000.0, at_twice=400.0,

@@ -92,14 +92,18 @@ class Findings:
 def advise(found: Findings) -> list[str]:
     """What stands in the way, what would help most, and what to beware of: three lines at most.
 
-    Where the view itself is the limit, nothing else can help, and nothing else is said.
+    Where the view itself is the limit, nothing else can help, and nothing else is said; nor where
+    a keyframe meets what is asked for and the features do not.
     """
     if found.tolerance is not None and _above(found.view_limit, found.tolerance):
         return [
             f"no image of this view tells it better than {_says(found.view_limit, found)}: come "
             "nearer, or use a longer lens or more pixels"
         ]
-    helps = sorted([*_by_keyframe(found), *_helps(found)], key=lambda item: item[0])
+    by_keyframe = list(_by_keyframe(found))
+    if found.is_met_by_keyframe and by_keyframe:
+        return [text for _, text in by_keyframe]
+    helps = sorted([*by_keyframe, *_helps(found)], key=lambda item: item[0])
     lines = [*_obstacles(found), *(text for _, text in helps), *_warnings(found)]
     return lines[:MOST_LINES]
 

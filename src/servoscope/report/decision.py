@@ -48,7 +48,7 @@ def reach_cells(row: dict[str, Any]) -> tuple[str, str, str, str]:
     reads = "–"
     if look is not None:
         low, high = map(plain_number, look["interval"])
-        reads = f"{plain_number(look['rms'])} {unit} ({low} to {high}) by {look['by']}"
+        reads = f"{plain_number(look['rms'])} {unit} by {look['by']}\n({low} to {high})"
     return (
         _number(row["tolerance"], unit),
         reads,
