@@ -45,7 +45,7 @@ class AcquisitionConfig:
         Distance from the camera of the point that rotations are about.
     repeatability_mm, repeatability_deg : float
         Standard deviations, along and about each axis, of how far from the commanded pose the
-        robot comes to rest. The pose that the robot tells is what is stored.
+        robot comes to rest. The pose that the robot reports is what is stored.
     schedule : sequence of (n_images, factor)
         Rings, taken one after the other; each draws from `factor` times the range, up to 4.
         Without any, `n_images` are drawn from the range itself.
@@ -53,7 +53,7 @@ class AcquisitionConfig:
     variant : int
         Another number, from 0, gives another part of the kind.
     robot : {"free", "arm"}
-        What carries the camera: nothing, or a simulated arm, which tells the poses of its flange.
+        What carries the camera: nothing, or a simulated arm, which reports the poses of its flange.
     n_reference_images : int, optional
         How many images the reference image is the mean of: by default 1, as in the paper, and 16
         with a schedule.
@@ -170,11 +170,11 @@ class AcquisitionConfig:
         return max(ring.factor for ring in self.rings()) * self.ranges()
 
     def reference(self) -> Array:
-        """Pose that the robot tells when the camera is at the reference, (4, 4), [m]."""
+        """Pose that the robot reports when the camera is at the reference, (4, 4), [m]."""
         return make_robot(self.robot, self.scene()).pose
 
     def pivot(self, T_world_ref: Array) -> float:
-        """Distance of the pivot from the origin of the frame that the robot tells, [m].
+        """Distance of the pivot from the origin of the frame that the robot reports, [m].
 
         Rotations are about a point on the z axis of that frame, as far along it as the point
         `pivot_mm` before the camera, so that the part stays in view whatever carries the camera.

@@ -27,9 +27,9 @@ from servoscope.processes import stop_processes
 from servoscope.storage.shared_folder import remove_abandoned
 from servoscope.wording import one_line, printable
 
-DESCRIPTION = """Vision-based robot positioning: which image features tell about which degree of
+DESCRIPTION = """Vision-based robot positioning: which image features inform which degree of
 freedom, and how accurately. Begin with: servoscope study. Every command also takes --debug, which
-shows where an error came from; --version tells the version."""
+shows where an error came from; --version prints the version."""
 
 _LONGEST_MESSAGE = 2000
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")

@@ -144,11 +144,11 @@ def test_validation_errors_set_the_deviation_and_no_prediction(estimator):
     estimator.fit(X, y)
     kernel = estimator.kernel_
     expected = estimator.posterior_.deviation(X_val)
-    surprise = np.sqrt(np.mean(((off - estimator.predict(X_val)) / expected) ** 2))
+    calibration_ratio = np.sqrt(np.mean(((off - estimator.predict(X_val)) / expected) ** 2))
     estimator.fit(X, y, X_val, off)
-    assert estimator.kernel_.noise == pytest.approx(surprise * kernel.noise)
-    assert estimator.kernel_.signal == pytest.approx(surprise * kernel.signal)
-    assert surprise > 5
+    assert estimator.kernel_.noise == pytest.approx(calibration_ratio * kernel.noise)
+    assert estimator.kernel_.signal == pytest.approx(calibration_ratio * kernel.signal)
+    assert calibration_ratio > 5
 
 
 def test_samples_beyond_the_limit_are_left_out(estimator):

@@ -74,7 +74,7 @@ def test_page_marks_chance_without_colour(make_run):
     page = write_report(make_run(protocols=("honest",)), n_jobs=1).read_text()
     marked = re.findall(r'<span class="chance">\((\d\.\d{3})\)</span>', page)
     assert len(marked) == 2 * 384
-    assert page.count("the 384 of 390 values that cannot be told from chance") == 2
+    assert page.count("the 384 of 390 values that do not differ from chance") == 2
 
 
 def test_report_of_an_older_run_leaves_these_parts_out(make_run):

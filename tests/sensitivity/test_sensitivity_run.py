@@ -50,7 +50,7 @@ def test_every_number_of_processes_gives_the_same_errors(run, sensitivity):
 
 
 def test_a_camera_mounted_10_mm_beside_is_told_10_mm_beside(sensitivity):
-    """The image is that of the camera's place; the robot tells the place of the flange."""
+    """The image is that of the camera's place; the robot reports the place of the flange."""
     growth = sensitivity["hand_eye_tx"]["tx"]
     by = dict(zip(growth["strengths"], growth["simulated_bias"], strict=True))
     assert (by[10.0] - by[-10.0]) / 20 == pytest.approx(1.0, abs=0.25)

@@ -46,7 +46,7 @@ RobotName = Annotated[
     str,
     arg(
         metavar="{free,arm}",
-        help="What carries the camera: nothing, an arm in physics, which tells its flange, or a "
+        help="What carries the camera: nothing, an arm in physics, which reports its flange, or a "
         "robot of an installed package.",
     ),
 ]

@@ -57,7 +57,7 @@ ConditionName = Annotated[
     arg(
         metavar="NAME",
         help="How the cell differs from the one of training: gain_0.8, light_moved, covered_10, "
-        "noise_10 and others; a name that is none tells them all.",
+        "noise_10 and others; a name that is none lists them all.",
     ),
 ]
 
@@ -108,7 +108,7 @@ def position(
         read_timeout_s: How long an image or a pose may take.
         first_read_timeout_s: How long the first image may take.
         move_timeout_s: How long a move may take.
-        dry_run: Look once and tell the move, without making it.
+        dry_run: Look once and say the move, without making it.
     """
     from servoscope.commands.output import print_json
     from servoscope.positioning import LoopSettings, PositioningModel
@@ -227,7 +227,7 @@ def _simulated_cell(
         )
     if robot not in (None, source["robot"]):
         raise InvalidInputError(
-            f"The model was trained with --robot {source['robot']}, whose poses it tells; leave "
+            f"The model was trained with --robot {source['robot']}, whose poses it reports; leave "
             f"--robot out, or train one on images acquired with --robot {robot}."
         )
     height, _ = model.image_shape

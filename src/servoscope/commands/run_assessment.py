@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from servoscope.assessment import as_json, assess
 from servoscope.commands.output import console
@@ -86,7 +86,7 @@ def reported_pose_errors(data: PoseImageSet) -> dict[str, float]:
 def print_assessment(assessment: dict[str, Any]) -> None:
     """Print the verdict, what each dof reaches and what the view allows, and what would help."""
     out = console()
-    out.print(f"[bold]{escape(assessment['conclusion'])}[/bold]", soft_wrap=True)
+    out.print(Text(assessment["conclusion"], style="bold"), soft_wrap=True)
     table = Table(title="RMS error of each degree of freedom", title_justify="left")
     for heading in ("dof", "tolerance", "one look (90 %)", "loop ends at", "view allows"):
         table.add_column(heading)
@@ -96,6 +96,6 @@ def print_assessment(assessment: dict[str, Any]) -> None:
     out.print(table)
     for dof, row in assessment["dofs"].items():
         for line in row["advice"]:
-            out.print(f"{dof}: {escape(line)}", soft_wrap=True)
+            out.print(Text(f"{dof}: {line}"), soft_wrap=True)
     for warning in assessment["warnings"]:
-        out.print(escape(warning), soft_wrap=True)
+        out.print(Text(warning), soft_wrap=True)

@@ -62,7 +62,7 @@ def sensitivity(
         features: Families of features: moments, eigenfeatures, tchebichef, intensity, robust; the
             first three by default.
         disturbances: Names, as in the table, of what is disturbed; by default all.
-        regressor: What tells each dof: gaussian_process, kernel_ridge, levenberg_marquardt (the
+        regressor: What predicts each dof: gaussian_process, kernel_ridge, levenberg_marquardt (the
             paper's nets), bayesian_lm, lbfgs.
     """
     from dataclasses import asdict

@@ -12,6 +12,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from servoscope.errors import InvalidInputError
 from servoscope.regression.bayesian import BayesianResult, BayesianSettings
+from servoscope.regression.calibration_ratio import calibration_ratio
 from servoscope.regression.network_regressor import NetworkRegressor, check_counts
 from servoscope.regression.samples import (
     Array,
@@ -20,7 +21,6 @@ from servoscope.regression.samples import (
     check_samples,
     least_deviation,
 )
-from servoscope.regression.surprise import surprise
 from servoscope.regression.training import train_restarts
 from servoscope.regression.weight_posterior import WeightPosterior
 
@@ -116,7 +116,7 @@ class BayesianLMRegressor(NetworkRegressor):
         noise = self.posterior_.noise / float(self.network_.target.scale)
         if others is not None:
             errors = others.each.y - self.network_.predict(others.each.X)
-            noise *= surprise(errors, self._deviation(others.each.X))
+            noise *= calibration_ratio(errors, self._deviation(others.each.X))
             self._train(learned.poses.joined(others.poses), noise)
         elif learned.poses is not learned.each or not noise:
             within = learned.noise_within(learned.each.y - self.network_.predict(learned.each.X))

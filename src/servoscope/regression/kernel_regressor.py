@@ -15,6 +15,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from servoscope.arrays import check_scale, check_unmasked
 from servoscope.errors import InvalidInputError
 from servoscope.kernels import GaussianKernel
+from servoscope.regression.calibration_ratio import calibration_ratio
 from servoscope.regression.kernel_posterior import KernelPosterior
 from servoscope.regression.samples import (
     Array,
@@ -24,7 +25,6 @@ from servoscope.regression.samples import (
     check_samples,
     least_deviation,
 )
-from servoscope.regression.surprise import surprise
 
 KERNEL_SAMPLES = 600
 """Of more samples than that, so many decide on the kernel."""
@@ -83,7 +83,7 @@ class KernelRegressor(RegressorMixin, BaseEstimator):
             samples = drawn(training.joined(others.poses), self.max_samples)
             posterior = KernelPosterior(kernel, training)
             errors = others.each.y - posterior.mean(others.each.X)
-            factor = surprise(errors, posterior.deviation(others.each.X))
+            factor = calibration_ratio(errors, posterior.deviation(others.each.X))
             if len(training.y) < KERNEL_SAMPLES:
                 kernel = self._find_kernel(samples)
         noise = factor * kernel.noise or least_deviation(samples.y)

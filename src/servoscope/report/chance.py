@@ -27,7 +27,7 @@ N_FIRST = 8
 
 
 def describe_chance(results: dict[str, Any]) -> dict[str, Any] | None:
-    """What the page tells of chance for one protocol and form; None of runs that did not ask.
+    """What the page shows of chance for one protocol and form; None of runs that did not ask.
 
     Returns
     -------

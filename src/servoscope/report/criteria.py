@@ -1,4 +1,4 @@
-"""The criteria of selection side by side, and forecasts beside nets, as the page tells them."""
+"""The criteria of selection side by side, and forecasts beside nets, as the page shows them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FEWEST = 12
 
 
 def describe_criteria(compared: dict[str, Any] | None) -> dict[str, Any] | None:
-    """What the page tells of the criteria; None where they were not compared.
+    """What the page shows of the criteria; None where they were not compared.
 
     Returns
     -------

@@ -22,7 +22,7 @@ REGRESSORS = {
 
 
 def describe_assessment(assessed: dict[str, Any], figures: list[dict[str, Any]]) -> dict[str, Any]:
-    """Everything that the page tells of an assessment."""
+    """Everything that the page shows of an assessment."""
     dofs = [dof for dof, row in assessed["dofs"].items() if row["forecast_rms"] is not None]
     return {
         "conclusion": assessed["conclusion"],

@@ -1,4 +1,4 @@
-"""What the page tells, as plain values for the template."""
+"""What the page shows, as plain values for the template."""
 
 from __future__ import annotations
 

@@ -12,13 +12,13 @@ from servoscope.study.paper import FAMILY_TITLES
 from servoscope.wording import listing
 
 WELL, ROUGHLY = 0.25, 0.6
-"""Shares of the baseline error below which a degree of freedom counts as told well, or roughly."""
+"""Shares of the baseline error below which a degree of freedom is observable well, or roughly."""
 
 SENTENCES = {
-    "well": "{} told well from one image",
-    "roughly": "{} told roughly",
-    "hardly": "{} hardly told",
-    "not": "{} not told: the mean does as well",
+    "well": "{} observable well from one image",
+    "roughly": "{} observable roughly",
+    "hardly": "{} hardly observable",
+    "not": "{} not observable: the mean does as well",
     "still": "{} never moved",
 }
 
@@ -74,7 +74,7 @@ def _best_family(unit: Unit) -> str:
     return (
         f"These are the errors of {FAMILY_TITLES[best]}, the family chosen because it erred least "
         f"on {decide}, on average {mean:.3f} of the range; the subsets selected by mutual "
-        f"information reach {selected:.3f}, and always answering the mean {baseline:.3f}."
+        f"information reach {selected:.3f}, and always predicting the mean {baseline:.3f}."
     )
 
 

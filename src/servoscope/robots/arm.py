@@ -52,7 +52,7 @@ LIMITS.setflags(write=False)
 class Arm:
     """A UR5e that carries the camera of a simulated cell.
 
-    It has the interface of `FreeCamera`, but what it is told and what it tells is the pose of its
+    It has the interface of `FreeCamera`, but what it takes and what it reports is the pose of its
     flange. Its servos hold it against gravity, its joints keep to their limits, and it refuses to
     move where it would hit itself, the table or the part.
 
@@ -85,7 +85,7 @@ class Arm:
 
     Notes
     -----
-    A move starts from the pose that the encoders tell. Without gravity compensation that is a
+    A move starts from the pose that the encoders report. Without gravity compensation that is a
     sagged one, to which every move adds the sag once more: the arm creeps down, and tells so.
 
     Joints go a straight way in joint space (`minimum_jerk`); their servos are equally quick, so
@@ -151,7 +151,7 @@ class Arm:
         Returns
         -------
         ndarray of shape (4, 4)
-            The displacement that the encoders tell once the arm stands still, [m].
+            The displacement that the encoders report once the arm stands still, [m].
 
         Raises
         ------

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 SPEED = np.radians(90.0)
-"""Joints are told to turn no faster than this: half of what a UR5e can, [rad / s]."""
+"""Joints turn no faster than this: half of what a UR5e can, [rad / s]."""
 
 ACCELERATION = np.radians(180.0)
 """[rad / s^2]"""

@@ -49,7 +49,7 @@ class ArmPhysics:
 
     @property
     def commanded(self) -> Array:
-        """Joint angles that the servos were told last, shape (6,), [rad]."""
+        """Joint angles that the servos were sent last, shape (6,), [rad]."""
         return np.array(self._data.ctrl)
 
     def put(self, joints: Array) -> None:

@@ -1,4 +1,4 @@
-"""A camera that flies: it goes where it is told, but for the error that a robot would make."""
+"""A camera that flies: it goes where it is sent, but for the error that a robot would make."""
 
 from __future__ import annotations
 

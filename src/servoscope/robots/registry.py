@@ -1,7 +1,7 @@
 """The simulated robots, by name.
 
 A further robot needs one line in `ROBOTS`, or an entry point ``servoscope.robots``. It has to be
-what `SimulatedRobot` says, stand with its camera where it is told when it is made, and raise
+what `SimulatedRobot` says, stand with its camera where it is put when it is made, and raise
 `RobotFaultError` where it cannot go.
 """
 
@@ -26,7 +26,7 @@ class SimulatedRobot(Protocol):
 
     @property
     def pose(self) -> Array:
-        """Pose of the frame that the robot tells and moves, as it believes it, (4, 4), [m]."""
+        """Pose of the frame that the robot reports and moves, as it believes it, (4, 4), [m]."""
 
     @property
     def true_pose(self) -> Array:

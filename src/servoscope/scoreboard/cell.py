@@ -102,7 +102,7 @@ def robot_in_cell(
 
     Its first image takes no longer than the others: the scene is prepared here. The start is
     displaced in some dofs about a pivot, see `start_pose`, by default in those of the condition:
-    of the frame that the robot tells if they are not all six.
+    of the frame that the robot reports if they are not all six.
 
     Raises
     ------

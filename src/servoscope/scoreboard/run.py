@@ -18,13 +18,13 @@ from servoscope.positioning import Estimator
 from servoscope.processes import in_processes
 from servoscope.progress import ProgressBar, no_progress
 from servoscope.scoreboard.conditions import CONDITIONS, SCENES
+from servoscope.scoreboard.factory import Factory
 from servoscope.scoreboard.methods import loop_settings
 from servoscope.scoreboard.plan import Plan
 from servoscope.scoreboard.stages import Stages
 from servoscope.scoreboard.summary import summarise
 from servoscope.scoreboard.targets import check_targets
 from servoscope.scoreboard.trial import Trial, run_start
-from servoscope.scoreboard.workshop import Workshop
 from servoscope.storage.reading import read_json
 
 TRIALS_PER_CALL = 5
@@ -69,13 +69,13 @@ class Scoreboard:
         for name in self.plan.conditions:
             robots.setdefault((CONDITIONS[name].robot, CONDITIONS[name].dofs), []).append(name)
         for scene, ((robot, dofs), conditions) in product(SCENES, robots.items()):
-            workshop = Workshop(
+            factory = Factory(
                 self.folder, self.plan, scene, robot, dofs,
                 n_jobs=self.n_jobs, progress=self.progress,
             )  # fmt: skip
-            workshop.prepare()
+            factory.prepare()
             for condition in conditions:
-                run_trials = partial(self._run_trials, workshop, condition)
+                run_trials = partial(self._run_trials, factory, condition)
                 path = _trials_file(scene, condition)
                 self.folder.run_stage(f"trials_{path.stem}", inputs, run_trials, [str(path)])
         scoreboard = self._summary()
@@ -100,29 +100,29 @@ class Scoreboard:
             for name in self.plan.conditions
         }
 
-    def _run_trials(self, workshop: Workshop, condition: str) -> None:
-        calls = list(self._calls(workshop, condition))
+    def _run_trials(self, factory: Factory, condition: str) -> None:
+        calls = list(self._calls(factory, condition))
         trials: dict[str, list[dict[str, Any]]] = {}
         n_done, total = 0, sum(len(starts) for _, starts, *_ in calls)
-        with self.progress(f"{workshop.scene}, {condition}", total) as advance:
+        with self.progress(f"{factory.scene}, {condition}", total) as advance:
             blocks = in_processes(_run_block, calls, self.n_jobs, max_nbytes=None)
             for (method, *_), block in zip(calls, blocks, strict=True):
                 trials.setdefault(method, []).extend(trial.to_dict() for trial in block)
                 n_done += len(block)
                 advance(n_done)
-        path = self.folder.path / _trials_file(workshop.scene, condition)
+        path = self.folder.path / _trials_file(factory.scene, condition)
         path.parent.mkdir(exist_ok=True)
         write_json(path, trials)
 
-    def _calls(self, workshop: Workshop, condition: str) -> Iterator[tuple[Any, ...]]:
+    def _calls(self, factory: Factory, condition: str) -> Iterator[tuple[Any, ...]]:
         """The arguments of `_run_block`, those that take longest first."""
         changes = CONDITIONS[condition]
-        where = workshop.scene, condition, self.plan.image_size, self.plan.seed
+        where = factory.scene, condition, self.plan.image_size, self.plan.seed
         for method in reversed(self.plan.methods(condition)):
-            n_trials = self.plan.n_trials(workshop.scene, condition, method)
+            n_trials = self.plan.n_trials(factory.scene, condition, method)
             if not n_trials:
                 continue
-            estimator = workshop.estimator(method, changes.depth_factor)
+            estimator = factory.estimator(method, changes.depth_factor)
             settings = loop_settings(method, changes.repeatability)
             step = 1 if method == "photometric" else TRIALS_PER_CALL
             for first in range(0, n_trials, step):

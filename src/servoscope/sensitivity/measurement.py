@@ -63,7 +63,7 @@ def measure(
 
     Notes
     -----
-    The error is that of the displacement about the pivot, against the one that the robot tells.
+    The error is that of the displacement about the pivot, against the one that the robot reports.
     With ``p`` the prediction, ``f`` the features and ``phi`` the strength, or its square where
     the image changes with that, the error of image ``i`` is to first order ``e_i(0) +
     (dp/df)(df/dphi)_i phi``. The first derivative is the regressors' own, the second a central

@@ -40,7 +40,7 @@ def summarise(
         ``table1[family][dof]`` and ``table3[dof]`` with RMS errors in units of the range
         (``rms``) and in ``physical`` ``unit``; ``table2[dof]``, names in order of selection;
         ``mi[feature][dof]`` in bits; ``best_family``, on the average of the dofs, for the images
-        that decide; ``baseline[dof]``, the error of always answering the mean of
+        that decide; ``baseline[dof]``, the error of always predicting the mean of
         the training images; ``ranges[dof]`` with ``value`` None for a dof that never moves;
         ``n_images`` that train, decide and test; and ``ranking``, ``sweep`` and ``stability`` by
         dof.

@@ -31,9 +31,9 @@ SIGNED = "Pale is positive, dark negative, middle grey zero; each panel has its 
 CAPTIONS = {
     "reach": Caption(
         "What each degree of freedom reaches",
-        "RMS errors as shares of the error of always answering the mean, which is the dashed line: "
+        "RMS errors as shares of the error of predicting the mean, which is the dashed line: "
         "the forecast with its 90 % interval, what a trained model reached on test images, and "
-        "what is wanted. Below each stands the forecast.",
+        "what is asked for. Below each stands the forecast.",
         "A chart of forecast, reached and wanted errors by degree of freedom.",
     ),
     "budgets": Caption(
@@ -46,7 +46,7 @@ CAPTIONS = {
         "More images, and how good forecasts are",
         "Left: forecast errors with 1, 2, 5 and 10 times the images. Right: forecast against "
         "reached errors, one mark for each family and degree of freedom; dotted lines are at 0.75 "
-        "and 1.33. Errors are shares of the error of always answering the mean; translations are "
+        "and 1.33. Errors are shares of the error of predicting the mean; translations are "
         "dark.",
         "A chart of errors against numbers of images, and one of reached against forecast errors.",
     ),
@@ -107,7 +107,7 @@ CAPTIONS = {
     ),
     "best": Caption(
         "Each degree of freedom against the feature selected first for it",
-        "One dot an image. A narrow band means that this feature alone nearly tells the "
+        "One dot an image. A narrow band means that this feature alone nearly determines the "
         "displacement; a cloud, that it does not.",
         "Six scatter plots of a displacement against a feature.",
         9,

@@ -18,7 +18,7 @@ from servoscope.scoreboard.plan import Plan
 from servoscope.scoreboard.stages import Stages
 
 
-class Workshop:
+class Factory:
     """Makes the estimators of one scene and one robot.
 
     Parameters

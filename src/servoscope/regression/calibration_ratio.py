@@ -7,14 +7,14 @@ import numpy as np
 from servoscope.regression.samples import Array
 
 
-def surprise(errors: Array, expected: Array) -> float:
+def calibration_ratio(errors: Array, expected: Array) -> float:
     """RMS of errors, each in units of the standard deviation that was expected of it.
 
     It is 1 where nothing can be said: where there are no errors at all, or none were expected.
 
     Examples
     --------
-    >>> surprise(np.array([3.0, -8.0]), np.array([1.5, 4.0]))
+    >>> calibration_ratio(np.array([3.0, -8.0]), np.array([1.5, 4.0]))
     2.0
     """
     if not expected.all() or not errors.any():
