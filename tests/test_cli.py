@@ -129,7 +129,7 @@ def test_an_interrupted_study_says_so_in_one_line_and_can_be_resumed(finished, t
 def test_assess_of_the_studys_images_finds_what_the_study_found(finished, tmp_path):
     run = tmp_path / "run"
     command = ["assess", str(finished / "dataset"), "--out", str(run), "--seed", "3"]
-    assert main([*command, "--protocol", "honest", *MOMENTS]) == 0
+    assert main([*command, "--protocol", "honest", "--study", *MOMENTS]) == 0
     assert results(run)["protocols"] == results(finished)["protocols"]
 
 

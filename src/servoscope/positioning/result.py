@@ -51,6 +51,8 @@ class Step:
         From the image to the command, without the camera's and the robot's own time.
     comparison : Comparison or None
         With the reference, cell by cell; None in a log that does not hold it.
+    first_displacement : ndarray of shape (4, 4) or None
+        Of the first image alone, where the estimate is the mean of several.
     """
 
     pose: Array
@@ -60,6 +62,7 @@ class Step:
     executed: Array | None
     seconds: float
     comparison: Comparison | None = None
+    first_displacement: Array | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The step as plain JSON values; NaN becomes None."""
@@ -72,6 +75,7 @@ class Step:
             "is_finest": self.estimate.is_finest,
             "displacement": plain(self.estimate.displacement),
             "std": plain(self.estimate.std),
+            "first_displacement": plain(self.first_displacement),
             "commanded": plain(self.commanded),
             "executed": plain(self.executed),
             "seconds": plain(self.seconds),

@@ -216,7 +216,8 @@ class Run:
         mean = arrival.averaged(
             estimates, pivot, settings, arrival.scatter(self.steps, settings, pivot)
         )
-        self.steps[-1] = replace(self.steps[-1], estimate=mean.estimate)
+        first = self.steps[-1].estimate.displacement
+        self.steps[-1] = replace(self.steps[-1], estimate=mean.estimate, first_displacement=first)
         may_move = self._n_corrections < _MOST_CORRECTIONS
         if may_move and self.robot.moves < settings.max_moves and mean.asks_for_a_move:
             self._n_corrections += 1

@@ -145,8 +145,10 @@ def replay(folder: Folder, estimator: Estimator) -> tuple[Replayed, ...]:
             )
         now = estimator.estimate(image, replayed[-1].now if replayed else None)
         distance, angle = np.nan, np.nan
-        if all(is_finite_rigid(T) for T in (step.estimate.displacement, now.displacement)):
-            distance, angle = map(float, pose_error(step.estimate.displacement, now.displacement))
+        logged = step.first_displacement
+        logged = step.estimate.displacement if logged is None else logged
+        if is_finite_rigid(logged) and is_finite_rigid(now.displacement):
+            distance, angle = map(float, pose_error(logged, now.displacement))
         replayed.append(Replayed(step.estimate, now, distance, angle))
     return tuple(replayed)
 
@@ -195,6 +197,7 @@ def _read_step(record: dict[str, Any]) -> Step:
         executed=_motion(record, "executed"),
         seconds=float(_array(record, "seconds", ())),
         comparison=_comparison(record.get("comparison")),
+        first_displacement=_motion(record, "first_displacement"),
     )
 
 
@@ -205,7 +208,7 @@ def _comparison(values: dict[str, float | None] | None) -> Comparison | None:
 
 
 def _motion(record: dict[str, Any], name: str) -> Array | None:
-    return None if record[name] is None else _array(record, name, (4, 4))
+    return None if record.get(name) is None else _array(record, name, (4, 4))
 
 
 def _array(record: dict[str, Any], name: str, shape: tuple[int, ...]) -> Array:

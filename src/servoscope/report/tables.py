@@ -29,9 +29,7 @@ def rms_table(results: dict[str, Any]) -> list[dict[str, Any]]:
     selected = _rms_row(
         results, "Selected", "minimum subsets, Table III", results["table3"], published
     )
-    baseline = _rms_row(
-        results, "Baseline", "predicting the mean", results["baseline"], None
-    )
+    baseline = _rms_row(results, "Baseline", "predicting the mean", results["baseline"], None)
     best = [min(row["cells"][i]["rms"] for row in rows) for i in range(len(DOFS))]
     for row in rows:
         for cell, least in zip(row["cells"], best, strict=True):
