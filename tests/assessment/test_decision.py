@@ -96,6 +96,15 @@ def test_the_verdict_counts_the_tolerances_that_are_met():
     )
 
 
+def test_a_loop_that_not_all_starts_survive_is_not_recommended():
+    few = {**LOOP, "success": 0.5}
+    said = conclude(_rows("wwwwww", {"tx": 0.5}), few)
+    assert "0 of 1 tolerances met in the loop" in said
+    assert said.endswith(
+        "4 of 8 rehearsed starts arrive; next: rehearse from nearer, servoscope rehearse."
+    )
+
+
 def test_without_tolerances_the_verdict_says_where_the_loop_ends():
     assert conclude(_rows("wwrhns"), LOOP) == (
         "The loop is forecast to end 0.031 mm and 0.0042 deg from the reference; 8 of 8 rehearsed "

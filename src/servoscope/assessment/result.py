@@ -185,9 +185,8 @@ def _decide(
     }
     if found.view is not None:
         row |= _by_keyframe(found.view, dof, reached)
-    is_arriving = found.view is not None and arrives(found.view.loop)
     row["met_in_one_look"] = is_met(row["one_look"]["rms"], row)
-    row["met_in_loop"] = is_met(findings.loop if is_arriving else None, row)
+    row["met_in_loop"] = is_met(findings.loop, row)
     return row
 
 
@@ -228,7 +227,7 @@ def _find(
         images[1], float(candidate.forecasts[dof].rms[0])
     )  # of full effort over a glance
     on_curve = _ratio(float(curve.rms_at(curve.n_images[-1]).rms[0]), images[1])
-    ends = None if view is None else view.loop["end_rms"]
+    ends = view.loop["end_rms"] if view is not None and arrives(view.loop) else None
     return Findings(
         unit=DISPLAY_UNITS[i],
         rms=images[1] * scale,

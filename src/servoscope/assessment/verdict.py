@@ -136,17 +136,24 @@ def _on_tolerances(asked: Mapping[str, Mapping[str, Any]], loop: Mapping[str, An
     ]
     if not missed:
         return f"{said}; next: train a model, servoscope train."
+    if loop is not None and not arrives(loop):
+        return f"{said}; {_arrived(loop)}; next: rehearse from nearer, servoscope rehearse."
     advice = next((row["advice"][0] for row in missed if row["advice"]), "take more images")
     return f"{said}; next: {advice}."
 
 
 def _on_loop(loop: Mapping[str, Any]) -> str:
-    n_starts = loop["starts"]
-    arrived = f"{round(loop['success'] * n_starts)} of {n_starts} rehearsed starts arrive"
     if not arrives(loop):
-        return f"The loop is not safe: {arrived}."
+        return f"The loop is not safe: {_arrived(loop)}."
     mm, deg = plain_number(loop["end_mm"]), plain_number(loop["end_deg"])
-    return f"The loop is forecast to end {mm} mm and {deg} deg from the reference; {arrived}."
+    return (
+        f"The loop is forecast to end {mm} mm and {deg} deg from the reference; {_arrived(loop)}."
+    )
+
+
+def _arrived(loop: Mapping[str, Any]) -> str:
+    n_starts = loop["starts"]
+    return f"{round(loop['success'] * n_starts)} of {n_starts} rehearsed starts arrive"
 
 
 def _on_observability(rows: Mapping[str, Mapping[str, Any]]) -> str:
