@@ -174,7 +174,7 @@ def test_accuracies_are_read_in_their_units(text, mm, deg):
              "t=nanmm,r=1deg", "t=1e999mm,r=1deg", "t=1mm,r=1deg,x=3", "t=..mm,r=1deg"],
 )  # fmt: skip
 def test_what_is_no_accuracy_is_refused_in_one_line(text, tmp_path, capsys):
-    with pytest.raises(InvalidInputError, match="accuracy|tolerance|named twice"):
+    with pytest.raises(InvalidInputError, match=r"accuracy|tolerance|named twice"):
         parse_accuracy(text)
     assert main(["acquire", str(tmp_path / "out"), "--until", text]) == 1
     assert len(capsys.readouterr().err.splitlines()) == 1

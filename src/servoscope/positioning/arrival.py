@@ -247,8 +247,10 @@ def is_at_hand(displacement: Array, settings: LoopSettings) -> bool:
     return bool(distance <= limits[0] and angle <= limits[1])
 
 
-def is_displaced(comparison: Comparison) -> bool:
+def is_displaced(comparison: Comparison | None) -> bool:
     """Whether an image is displaced from another for certain, by a noticeable part of a pixel."""
+    if comparison is None:
+        return False
     return comparison.shift > _EQUAL_SHIFT / 4 and comparison.significance > 2 * _EQUAL_SIGNIFICANCE
 
 

@@ -11,7 +11,7 @@ from typing import NoReturn
 import numpy as np
 
 from servoscope.dofs import mask_of
-from servoscope.poses import displacements_from_poses, inverse_transform
+from servoscope.poses import DOFS, displacements_from_poses, inverse_transform
 from servoscope.positioning import arrival, guard
 from servoscope.positioning.consistency import CAUSES, LATE, Innovation, innovation
 from servoscope.positioning.devices import Interruption, RunEnded, WatchedCamera, WatchedRobot
@@ -369,6 +369,13 @@ class Run:
             return RunEnded(
                 "limited", f"As near as the view allows {self._there()}{lacking}{caution}"
             )
+        if self.dofs != DOFS and arrival.is_displaced(self.steps[-1].comparison):
+            left = (
+                " The view is still displaced: the part lies otherwise in degrees of freedom that "
+                f"are not commanded; of {', '.join(self.dofs)} the believed deviation does not "
+                "include what that does."
+            )
+            return RunEnded("limited", f"As near as the robot can follow {self._there()}{left}")
         if is_there:
             return RunEnded("converged", f"Converged {self._there()}{caution}")
         reached = arrival.Reached.of_displacement(estimate.displacement, pivot)
