@@ -14,6 +14,7 @@ from servoscope.errors import InvalidInputError, ServoscopeError
 from servoscope.keyframe import Keyframe, Readings
 from servoscope.keyframe.fitting import evenly_spread
 from servoscope.poses import DISPLAY_FACTORS, DOFS
+from servoscope.positioning.arrival import Reached
 from servoscope.positioning.keyframe_model import (
     LEAST_IMAGES,
     KeyframeModel,
@@ -21,7 +22,8 @@ from servoscope.positioning.keyframe_model import (
     read_right,
 )
 from servoscope.positioning.recognition import recogniser
-from servoscope.processes import in_processes
+from servoscope.positioning.settings import LoopSettings
+from servoscope.processes import in_processes, one_blas_thread
 from servoscope.progress import ProgressBar, no_progress
 from servoscope.rehearsal.run import Rehearsal
 from servoscope.selection.rms_interval import rms_interval
@@ -39,6 +41,7 @@ STARTS = 8
 """Starts of the rehearsed loop."""
 
 _LEAST_READ = 5
+_LOOKS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +63,8 @@ class ViewFindings:
     n_read : int
     loop : dict
         ``success``, the share of rehearsed starts that arrive; ``moves``, their median;
-        ``end_rms`` by dof, ``end_mm`` and ``end_deg``; None where none arrives.
+        ``end_rms`` by dof, ``end_mm`` and ``end_deg``, from the noise of the images; None where no
+        start arrives.
     """
 
     model: KeyframeModel
@@ -122,6 +126,8 @@ def examine_view(
         limit = keyframe.limit().std * DISPLAY_FACTORS
         advance(2)
     loop = _rehearsed(model, seed, n_jobs, progress)
+    if loop["end_rms"] is not None:
+        loop |= _end(model, data.source, seed)
     indices = [DOFS.index(dof) for dof in data.dofs]
     rms = np.sqrt(np.mean(errors**2, axis=0))
     return ViewFindings(
@@ -161,7 +167,29 @@ def _rehearsed(
         "success_interval": found["success_interval"],
         "moves": found["moves_median"],
         "starts": found["trials"],
-        "end_mm": found["final_mm_median"],
-        "end_deg": found["final_deg_median"],
+        "end_mm": None,
+        "end_deg": None,
         "end_rms": found["end_rms"],
     }
+
+
+def _end(model: KeyframeModel, source: dict[str, Any], seed: int) -> dict[str, Any]:
+    """Where the loop ends by the noise of the images and of the reference image.
+
+    Of the images that are averaged at the end the noise falls with the root of their number; that
+    of the reference image, by which all are read, is the same for all. The rehearsed end is not
+    taken: images rendered less than a pixel from the reference are smoother than real ones.
+    """
+    keyframe, rng = model.keyframe, np.random.default_rng([seed, _LOOKS])
+    clean = keyframe.reference_image.astype(float)
+    noisy = [clean + rng.normal(0, keyframe.noise, clean.shape) for _ in range(_LOOKS)]
+    images = [np.rint(image.clip(0, 255)).astype(np.uint8) for image in noisy]
+    with one_blas_thread():
+        read = np.array([keyframe.align(image, np.eye(4)).delta_p for image in images])
+    n_reference = source.get("n_reference_images")
+    n_reference = n_reference if isinstance(n_reference, int) and n_reference > 0 else 1
+    shares = 1 / LoopSettings().final_images + 1 / n_reference
+    std = np.where(mask_of(model.dofs), np.sqrt(shares * np.mean(read**2, axis=0)), 0.0)
+    reached = Reached.of_deviation(std, keyframe.pivot)
+    end_rms = dict(zip(DOFS, (std * DISPLAY_FACTORS).tolist(), strict=True))
+    return {"end_mm": reached.mm, "end_deg": reached.deg, "end_rms": end_rms}

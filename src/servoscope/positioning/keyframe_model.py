@@ -188,7 +188,8 @@ class KeyframeModel:
         factor[is_read] = deviation_factor(
             errors[right][:, is_read], readings.std[right][:, is_read]
         )
-        keyframe = replace(keyframe, model_error=factor * keyframe.model_error)
+        noise = keyframe.noise * least_noise_share(readings)
+        keyframe = replace(keyframe, model_error=factor * keyframe.model_error, noise=noise)
         chance = chance_similarity(keyframe, fitted.images, _FARTHEST * reach)
         within = (errors <= 2 * factor * readings.std)[:, is_commanded]
         accuracy = {
@@ -344,6 +345,18 @@ def error_shares(errors: Array, truth: Array) -> Array:
     """RMS errors, (n, 6), as shares of those of predicting the mean of the truth, (6,)."""
     spread = np.maximum(truth.std(axis=0), 1e-12)
     return np.asarray(np.sqrt(np.mean(errors**2, axis=0)) / spread)
+
+
+def least_noise_share(readings: Readings) -> float:
+    """Share of the noise that is left where images are explained better than it allows.
+
+    Noise is found in the smoothest blocks of the images. Where texture is everywhere it is taken
+    for noise, but an image of more noise than its residual there cannot be.
+    """
+    seen = readings.residual[np.isfinite(readings.residual)]
+    if not len(seen) or not readings.noise > 0:
+        return 1.0
+    return float(np.clip(np.quantile(seen, 0.1) / readings.noise, 0.1, 1.0))
 
 
 def deviation_factor(errors: Array, std: Array) -> Array:
