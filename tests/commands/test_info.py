@@ -174,7 +174,7 @@ def test_what_an_assessment_forecast_stands_beside_what_is_measured(
 @pytest.mark.parametrize(
     "assessment",
     [3, [], {"dofs": 3}, {"dofs": {"tx": 3, "ty": {"forecast_rms": "x\x1b", "loop": 3}}},
-     {"dofs": {"tx": {"forecast_rms": 10**40, "reached_rms": 1e300}}, "loop": [1]},
+     {"dofs": {"tx": {"forecast_rms": 10**15, "reached_rms": 1e300}}, "loop": [1]},
      {"dofs": {"tx": {"loop": {"end_rms": None}}}, "loop": {"success": "x", "starts": {}}}],
 )  # fmt: skip
 def test_an_assessment_that_cannot_be_read_is_shown_as_dashes(

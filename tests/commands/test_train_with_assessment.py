@@ -7,23 +7,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planar import planar_data_set
+from planar import PIVOT, RANGES, planar_images
 from servoscope.cli import main
 from servoscope.commands.train import read_assessment
 from servoscope.data.images import PoseImageSet
 from servoscope.data.independence import independent_groups, mark_sequence
 from servoscope.errors import DataSetError
 from servoscope.pipeline import PosePipeline
-from servoscope.poses import DOFS
+from servoscope.poses import DOFS, poses_from_displacements
 from servoscope.storage.model_folder import read_model
 from servoscope.study.run import fingerprint
 from servoscope.wording import plain_number
 
 
 def in_order() -> PoseImageSet:
-    """Images of a camera that goes along x and turns a little on its way."""
-    data = planar_data_set(60, 16)
-    return data.subset(np.argsort(data.delta_p()[:, 0]))
+    """80 images of a camera that sways about the reference."""
+    time = np.linspace(0, 2 * np.pi, 80)[:, None]
+    delta_p = RANGES * np.sin([1.0, 1.7, 2.3, 0.8, 1.3, 2.9] * time + np.arange(6))
+    images = planar_images(np.vstack([delta_p, np.zeros(6)]), 16, 0)
+    poses = poses_from_displacements(np.eye(4), delta_p, PIVOT)
+    return PoseImageSet(images[:-1], poses, np.eye(4), images[-1], pivot=PIVOT)
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +55,7 @@ def test_the_split_and_the_groups_are_those_of_the_assessment(assessed, monkeypa
     assert "Enough is known." in capsys.readouterr().err
     pipeline = PosePipeline.load(assessed / "run" / "models" / "pipeline")
     found, data = given["assessment"], given["data"]
+    assert data.split == "blocks"
     np.testing.assert_array_equal(found.split.test, pipeline.split_.test)
     np.testing.assert_array_equal(found.split.learned, pipeline.split_.learned)
     np.testing.assert_array_equal(found.groups, independent_groups(data).labels)

@@ -121,7 +121,8 @@ def _held_out(accuracy: Any) -> tuple[str, Mapping[str, Any]]:
 def _notes(accuracy: Mapping[str, Any], statistic: str, *, is_keyframe: bool) -> Iterator[str]:
     """What the columns of the table are of."""
     held_out = _within(accuracy, "held_out")
-    images, groups, share = (held_out.get(name) for name in ("images", "groups", "share_right"))
+    images, groups = held_out.get("images"), held_out.get("groups")
+    share: Any = held_out.get("share_right")
     said = f"one look, held out: {statistic}"
     if isinstance(images, int):
         said += f" of {images} images"

@@ -179,10 +179,10 @@ def _print_model(folder: Path) -> None:
     if "pivot_mm" in facts:
         shown["pivot"] = f"{facts['pivot_mm']:.4g} mm away"
     if all(_is_number(accuracy.get(name)) for name in ("residual", "noise")):
-        residual = f"residual {accuracy['residual']:.2g} grey, noise {accuracy['noise']:.2g} grey"
+        residual = f"{accuracy['residual']:.2g} grey, noise {accuracy['noise']:.2g} grey"
         if _is_number(accuracy.get("residual_over_noise")):
             residual += f"; held out {accuracy['residual_over_noise']:.2g} times the noise"
-        shown["images explained"] = residual
+        shown["residual"] = residual
     print_facts(shown)
     print_accuracy(accuracy, limit=limit)
 
