@@ -10,10 +10,11 @@ from servoscope import CameraModel, Keyframe
 from servoscope.cli import main
 from servoscope.commands.accuracy import observability
 from servoscope.commands.output import print_facts
-from servoscope.poses import DISPLAY_FACTORS, DOFS
+from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 from servoscope.positioning import KeyframeModel
 from servoscope.report.figures.keyframe import plot_shares
-from servoscope.storage.model_folder import write_model
+from servoscope.storage.model_folder import read_model, write_model
+from servoscope.wording import plain_number
 
 HEADER = {
     "trained_on": {"images": 1800, "part": "cylinder_head", "note": "evil\x1b[2J\nnote"},
@@ -102,7 +103,8 @@ def keyframe_model(tmp_path_factory):
         np.zeros((20, 20)), np.zeros(6), pivot=0.5, residual=2.0, noise=1.5,
     )  # fmt: skip
     accuracy = {
-        "median": ERRORS, "quantile_90": {d: 2 * e for d, e in ERRORS.items()}, "n_images": 40,
+        "rms": ERRORS, "median": {d: e / 2 for d, e in ERRORS.items()}, "n_images": 40,
+        "held_out": {"images": 12, "groups": 4, "share_right": 0.75},
         "residual": 2.0, "noise": 1.5, "residual_over_noise": 3.2,
         "observable": keyframe.observable,
     }  # fmt: skip
@@ -113,27 +115,90 @@ def keyframe_model(tmp_path_factory):
     return folder, keyframe
 
 
-def test_a_keyframe_model_is_one_table_of_eighty_columns(keyframe_model, capsys):
-    folder, keyframe = keyframe_model
+def with_assessment(folder, to, assessment):
+    """The model of a folder, with an assessment, in another folder."""
+    header, arrays = read_model(folder)
+    accuracy = {**header["accuracy"], "assessment": assessment}
+    write_model(to, {**header, "accuracy": accuracy}, arrays)
+    return to
+
+
+def rows_of(out):
+    """The cells of a printed table by dof."""
+    lines = [line.split("│")[1:-1] for line in out.splitlines() if line.startswith("│")]
+    return {cells[0].strip(): [cell.strip() for cell in cells[1:]] for cells in lines}
+
+
+def printed(folder, capsys):
     assert main(["info", str(folder)]) == 0
     out = capsys.readouterr().out
-    table = out[out.index("Error of one look") :]
-    assert max(map(len, table.splitlines()[:-1])) <= 80
+    assert max(map(len, out.splitlines())) <= 80
     assert len(out.splitlines()) < 25
-    (limit,) = [line for line in table.splitlines() if "limit of view" in line]
-    shown = [float(cell) for cell in limit.split("│")[2:8]]
-    np.testing.assert_allclose(shown, keyframe.limit().std * DISPLAY_FACTORS, rtol=0.06)
-    assert "0.37" in table
-    assert "0.74" in table
+    return out
+
+
+def test_a_keyframe_model_is_one_table_of_eighty_columns(keyframe_model, capsys):
+    folder, keyframe = keyframe_model
+    out = printed(folder, capsys)
+    rows = rows_of(out)
+    assert list(rows) == list(DOFS)
+    limit = keyframe.limit().std * DISPLAY_FACTORS
+    for k, (dof, cells) in enumerate(rows.items()):
+        unit = DISPLAY_UNITS[k]
+        assert cells[:4] == ["–", "–", f"{plain_number(ERRORS[dof])} {unit}", "–"]
+        assert float(cells[4].removesuffix(unit)) == pytest.approx(limit[k], rel=0.06)
+    assert "RMS of 12 images in 4 independent groups, of the 9 read" in " ".join(out.split())
+    assert "in the loop: servoscope rehearse MODEL" in out
+    assert "train DATA --assessment RUN" in out
     assert "3.2 times the noise" in out
     assert "observable: depth" in out
     assert facts_of(folder, capsys)["limit"]["tx"] == pytest.approx(1e3 * keyframe.limit().std[0])
 
 
+def test_what_an_assessment_forecast_stands_beside_what_is_measured(
+    keyframe_model, tmp_path, capsys
+):
+    row = {"forecast_rms": 1.25, "reached_rms": 1.5, "loop": {"end_rms": 0.012}}
+    loop = {"success": 0.875, "starts": 8, "end_mm": 0.1, "end_deg": 0.011}
+    assessment = {"dofs": {"tx": row, "rz": {**row, "loop": None}}, "loop": loop}
+    out = printed(with_assessment(keyframe_model[0], tmp_path / "model", assessment), capsys)
+    rows = rows_of(out)
+    assert rows["tx"][:4] == ["1.2 mm", "1.5 mm", "0.12 mm", "0.012 mm"]
+    assert rows["rz"][:4] == ["1.2 deg", "1.5 deg", "0.021 deg", "–"]
+    assert rows["ty"][:4] == ["–", "–", "0.08 mm", "–"]
+    assert "in the loop: 7 of 8 rehearsed starts arrive; camera 0.1 mm, 0.011 deg away" in out
+    assert "servoscope rehearse" not in out
+    assert "servoscope assess" not in out
+
+
+@pytest.mark.parametrize(
+    "assessment",
+    [3, [], {"dofs": 3}, {"dofs": {"tx": 3, "ty": {"forecast_rms": "x\x1b", "loop": 3}}},
+     {"dofs": {"tx": {"forecast_rms": 10**15, "reached_rms": 1e300}}, "loop": [1]},
+     {"dofs": {"tx": {"loop": {"end_rms": None}}}, "loop": {"success": "x", "starts": {}}}],
+)  # fmt: skip
+def test_an_assessment_that_cannot_be_read_is_shown_as_dashes(
+    keyframe_model, tmp_path, capsys, assessment
+):
+    out = printed(with_assessment(keyframe_model[0], tmp_path / "model", assessment), capsys)
+    assert all(cells[:2] == ["–", "–"] and cells[3] == "–" for cells in rows_of(out).values())
+    assert "\x1b" not in out
+    assert "in the loop: servoscope rehearse MODEL" in out
+
+
+def test_levels_are_the_same_table_without_a_limit_of_the_view(tmp_path, capsys):
+    accuracy = {"rms": ERRORS, "held_out": {"images": 90}, "rings": [{"mm": 40.0}]}
+    write_model(tmp_path / "model", {**HEADER, "accuracy": accuracy}, ARRAYS)
+    out = printed(tmp_path / "model", capsys)
+    assert rows_of(out)["tz"] == ["–", "–", "0.37 mm", "–", "–"]
+    assert "RMS of 90 images" in out
+    assert "servoscope rehearse" not in out  # which cannot render them
+
+
 @pytest.mark.parametrize(
     "accuracy",
-    [None, 3, {"rings": [1]}, {"rings": 2}, {"median": {}, "quantile_90": {}}, {"median": ERRORS},
-     {"rings": [{"mm": "x", "deg": 1, "clean": ERRORS, "disturbed": ERRORS}]}],
+    [None, 3, {"rings": [1]}, {"rings": 2}, {"rms": {}, "median": {}}, {"rms": 3, "median": "tx"},
+     {"rms": dict.fromkeys(DOFS, "x")}, {"rms": {"x": 1.0}}],
 )  # fmt: skip
 def test_an_accuracy_that_is_no_table_is_printed_as_it_is(tmp_path, capsys, accuracy):
     write_model(tmp_path / "model", {**HEADER, "accuracy": accuracy}, {})

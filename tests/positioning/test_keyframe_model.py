@@ -9,11 +9,14 @@ from planar import PIVOT, RANGES, planar_images
 from planar_cell import SIZE, T_WORLD_REF, Cell
 from planar_model import T_FLANGE_CAM, FlangeCell
 from servoscope.data.images import PoseImageSet
+from servoscope.data.splits import Split
 from servoscope.errors import DataSetError, ModelError, ServoscopeWarning
-from servoscope.poses import displacements_from_poses, pose_error
+from servoscope.keyframe import Keyframe
+from servoscope.poses import DISPLAY_FACTORS, displacements_from_poses, pose_error
 from servoscope.positioning import KeyframeModel, Positioner, PositioningModel, train
 from servoscope.positioning.disturbances import Disturbances
 from servoscope.positioning.keyframe_model import NOT_SEEN, error_shares
+from servoscope.positioning.training import Assessed
 from servoscope.storage.model_folder import read_model, write_model
 
 N_IMAGES = 30
@@ -169,6 +172,37 @@ def test_images_of_other_poses_are_refused(data) -> None:
         pytest.raises(DataSetError, match="no robot may be moved"),
     ):
         train(replace(data, images=data.images[shuffled]))
+
+
+@pytest.mark.slow
+def test_its_accuracy_is_that_of_the_test_images_of_an_assessment(data, monkeypatch) -> None:
+    given = {}
+
+    def train_model(data, held_out, **_):
+        given.update(data=data, held_out=held_out)
+        raise DataSetError("Enough is known.")
+
+    monkeypatch.setattr(KeyframeModel, "train", train_model)
+    groups = np.arange(len(data)) // 2
+    split = Split(np.arange(2, 18), np.arange(18, 24), np.arange(24, 30))
+    with (
+        pytest.warns(ServoscopeWarning, match="not trained on"),
+        pytest.raises(DataSetError, match="Enough is known"),
+    ):
+        train(data, assessment=Assessed(split, groups, {"loop": None}))
+    keyframe = Keyframe.fit(
+        data.images[2:24], data.T_world_cam[2:24], data.reference_image, data.T_world_ref,
+        pivot=data.pivot,
+    )  # fmt: skip
+    errors = np.stack([keyframe.align(image).delta_p for image in data.images[split.test]])
+    errors -= data.delta_p()[split.test]
+    assert (np.abs(errors) < 0.25 * data.ranges()).all()
+    fitted = data.subset(np.arange(2, 24))
+    found = KeyframeModel.of_readings(keyframe, data, fitted, *given["held_out"]).accuracy
+    rms = np.sqrt(np.mean(errors**2, axis=0)) * DISPLAY_FACTORS
+    np.testing.assert_allclose(list(found["rms"].values()), rms, rtol=1e-6)
+    assert found["held_out"] == {"images": 6, "groups": 3, "share_right": 1.0}
+    assert len(given["data"]) == N_IMAGES  # the keyframe itself is of all but the outlier
 
 
 def test_too_few_images_are_refused_in_words_that_hold_without_the_simulator(data) -> None:

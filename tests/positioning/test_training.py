@@ -10,9 +10,16 @@ from planar import planar_images
 from planar_cell import SIZE, T_WORLD_REF
 from planar_model import RANGES, RINGS, camera_data, camera_model
 from servoscope.data.images import PoseImageSet
+from servoscope.data.splits import Split
 from servoscope.errors import DataSetError, InvalidInputError, ServoscopeWarning
 from servoscope.poses import DOFS, poses_from_displacements
-from servoscope.positioning.training import N_STAGES, check_observable, train, within_range
+from servoscope.positioning.training import (
+    N_STAGES,
+    Assessed,
+    check_observable,
+    train,
+    within_range,
+)
 from servoscope.storage.model_folder import ARRAYS, MODEL
 
 
@@ -132,3 +139,43 @@ def test_dofs_that_are_predicted_no_better_than_by_their_mean_are_named() -> Non
     check_observable(dict.fromkeys(DOFS, 0.5))
     with pytest.raises(DataSetError, match="no robot may be moved"):
         check_observable({**dict.fromkeys(DOFS, 1.0), "rz": 0.1})
+
+
+def split_of(n: int, *, test: int) -> Split:
+    """The first images test, and the last belongs to no part."""
+    return Split(np.arange(test, n - 3), np.arange(n - 3, n - 1), np.arange(test))
+
+
+def test_levels_are_learned_without_the_test_images_of_an_assessment(monkeypatch) -> None:
+    given = {}
+
+    def learn_levels(images, p, reference_image, rng, groups):
+        given["groups"] = groups
+        raise DataSetError("Enough is known.")
+
+    monkeypatch.setattr("servoscope.positioning.training.learn_levels", learn_levels)
+    data = scattered(5, 140)
+    found = Assessed(split_of(140, test=35), np.arange(140), {"loop": None})
+    with (
+        pytest.warns(ServoscopeWarning, match="not trained on"),
+        pytest.raises(DataSetError, match="Enough is known"),
+    ):
+        train(data, method="levels", assessment=found)
+    expected = np.repeat([0, 1, -1], [35, 104, 1])[5:]  # the first five are outliers
+    np.testing.assert_array_equal(given["groups"], expected)
+
+
+@pytest.mark.parametrize(
+    "split",
+    [
+        split_of(42, test=10),
+        Split(np.arange(30), np.arange(30, 35), np.arange(34, 40)),
+        Split(np.arange(30), np.arange(30, 35), np.arange(0)),
+        Split(np.arange(-1, 30), np.arange(30, 35), np.arange(35, 40)),
+    ],
+)
+def test_an_assessment_of_other_images_is_refused(split) -> None:
+    found = Assessed(split, np.arange(len(split.learned) + len(split.test)), {})
+    with pytest.raises(InvalidInputError, match="must be of these 40 images") as info:
+        train(scattered(0, 40), assessment=found)
+    assert "\n" not in str(info.value)

@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 from servoscope.data.images import PoseImageSet
 from servoscope.dofs import mask_of
 from servoscope.errors import InvalidInputError, ServoscopeError
-from servoscope.keyframe import Keyframe, Readings
 from servoscope.keyframe.fitting import evenly_spread
 from servoscope.poses import DISPLAY_FACTORS, DOFS
 from servoscope.positioning.arrival import Reached
 from servoscope.positioning.keyframe_model import (
     LEAST_IMAGES,
+    MOST_FITTED,
+    MOST_READ,
     KeyframeModel,
-    keyframe_options,
+    fit_and_read,
     read_right,
 )
-from servoscope.positioning.recognition import recogniser
 from servoscope.positioning.settings import LoopSettings
 from servoscope.processes import in_processes, one_blas_thread
 from servoscope.progress import ProgressBar, no_progress
@@ -30,9 +30,6 @@ from servoscope.selection.rms_interval import rms_interval
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-MOST_FITTED, MOST_READ = 40, 40
-"""Images that a keyframe is fitted to, and that it reads, at most."""
 
 LEAST_RIGHT = 0.5
 """Of fewer images read right the view is not explained by a relief."""
@@ -106,7 +103,7 @@ def examine_view(
     fitted, read = evenly_spread(learn, MOST_FITTED), evenly_spread(test, MOST_READ)
     with progress("keyframe", 2) as advance:
         try:
-            ((keyframe, readings),) = in_processes(_fit_and_read, [(data, fitted, read)], 1)
+            ((keyframe, readings),) = in_processes(fit_and_read, [(data, fitted, read)], 1)
         except InvalidInputError:
             return None
         advance(1)
@@ -139,20 +136,6 @@ def examine_view(
         len(read),
         loop,
     )
-
-
-def _fit_and_read(data: PoseImageSet, fitted: Indices, read: Indices) -> tuple[Keyframe, Readings]:
-    keyframe = Keyframe.fit(
-        data.images[fitted],
-        data.T_world_cam[fitted],
-        data.reference_image,
-        data.T_world_ref,
-        **keyframe_options(data),
-    )
-    readings = Readings.of(
-        keyframe, data.images[read], data.T_world_cam[read], data.T_world_ref, recogniser
-    )
-    return keyframe, readings
 
 
 def _rehearsed(

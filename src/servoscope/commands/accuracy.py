@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rich.table import Table
 
 from servoscope.commands.output import console
 from servoscope.poses import DISPLAY_UNITS, DOFS
+from servoscope.wording import plain_number
+
+NONE = "–"
+"""What is shown of a number that there is not."""
+
+_HEADINGS = (
+    ("features:", "forecast"),
+    ("features:", "held out"),
+    ("one look:", "held out"),
+    ("the loop", "ends at"),
+    ("the view", "allows"),
+)
+_LARGEST = 1e6
+_WIDTH = 80
 
 _NEEDED = {
     "depth": "depth is not known, so translations are not read, only rotations; move along all "
@@ -21,71 +36,62 @@ _NEEDED = {
 
 def has_table(accuracy: Any) -> bool:
     """Whether the accuracy of a model's header, which may be anybody's, can be shown as a table."""
-    try:
-        if "rings" in accuracy:
-            rings = [(r["mm"], r["deg"], r["clean"], r["disturbed"]) for r in accuracy["rings"]]
-            numbers = [x for mm, deg, *kinds in rings for x in (mm, deg, *_of_dofs(*kinds))]
-        else:
-            dofs = list(accuracy["median"])
-            if not dofs or not set(dofs) <= set(DOFS) or dofs != list(accuracy["quantile_90"]):
-                return False
-            numbers = [accuracy[name][dof] for name in ("median", "quantile_90") for dof in dofs]
-            numbers += [accuracy[name] for name in ("n_images", "residual", "noise")]
-        return all(type(x) in (int, float) for x in numbers)
-    except (KeyError, TypeError):
-        return False
-
-
-def _of_dofs(*values: Mapping[str, Any]) -> list[Any]:
-    return [errors[dof] for errors in values for dof in DOFS]
+    held_out = _held_out(accuracy)[1]
+    return any(_is_number(held_out.get(dof)) for dof in DOFS)
 
 
 def print_accuracy(
-    accuracy: Mapping[str, Any],
-    *,
-    ranges: Mapping[str, float] | None = None,
-    limit: Mapping[str, float] | None = None,
+    accuracy: Mapping[str, Any], *, limit: Mapping[str, float] | None = None
 ) -> None:
-    """Print errors of one look by dof, in mm and degrees, within 80 columns.
+    """Print one table within 80 columns: what each dof was forecast to reach, and reaches.
 
     Parameters
     ----------
     accuracy : mapping
-        Of a trained model.
-    ranges : mapping of str to float, optional
-        Largest displacement by dof.
+        Of a model; what cannot be read of it is shown as a dash.
     limit : mapping of str to float, optional
-        Smallest standard deviation of one look at the reference by dof.
+        Smallest standard deviation of one look at the reference by dof, in mm and degrees; of a
+        keyframe.
     """
-    is_keyframe = "rings" not in accuracy
-    table = Table(
-        title="Error of one look at images held out", title_justify="left", padding=(0, 1)
-    )
-    units = dict(zip(DOFS, DISPLAY_UNITS, strict=True))
-    names = list(accuracy["median"]) if is_keyframe else list(DOFS)
-    dofs = [f"{dof}\n[{units[dof]}]" for dof in names]
-    if is_keyframe:
-        rows = (
-            ("range", ranges),
-            ("limit of view (sd)", limit),
-            ("median", accuracy["median"]),
-            ("90 % are below", accuracy["quantile_90"]),
-        )
-        for column in ("", *dofs):
-            table.add_column(column, justify="right", no_wrap=True)
-        for label, values in rows:
-            if values is not None and set(names) <= set(values):
-                table.add_row(label, *(_rounded(values[dof]) for dof in names))
-    else:
-        for column in ("displaced by up to", "images", *dofs):
-            table.add_column(column, justify="right")
-        for ring in accuracy["rings"]:
-            for kind in ("clean", "disturbed"):
-                errors = [f"{ring[kind][dof]:.3f}" for dof in DOFS]
-                table.add_row(f"{ring['mm']:.3g} mm, {ring['deg']:.3g} deg", kind, *errors)
+    statistic, held_out = _held_out(accuracy)
+    assessment = _within(accuracy, "assessment")
+    rows = _within(assessment, "dofs")
+    table = Table(title="Error of each dof about the pivot", title_justify="left", padding=(0, 1))
+    for heading in ("dof", *(f"{what}\n{of}" for what, of in _HEADINGS)):
+        table.add_column(heading, justify="right", no_wrap=True)
+    is_rehearsed = False
+    for dof, unit in zip(DOFS, DISPLAY_UNITS, strict=True):
+        if dof not in held_out:
+            continue
+        row = _within(rows, dof)
+        end = None if limit is None else _within(row, "loop").get("end_rms")
+        is_rehearsed |= _cell(end, unit) != NONE
+        values = (row.get("forecast_rms"), row.get("reached_rms"), held_out[dof], end)
+        table.add_row(dof, *(_cell(x, unit) for x in (*values, (limit or {}).get(dof))))
+    out = console()
+    out.print(table)
+    for line in _notes(accuracy, statistic, is_keyframe=limit is not None):
+        out.print(textwrap.fill(line, _WIDTH))
+    if not rows:
+        out.print("forecast: servoscope assess DATA --out RUN, then train DATA --assessment RUN")
+    if limit is not None and not is_rehearsed:
+        out.print("in the loop: servoscope rehearse MODEL")
+
+
+def print_rings(accuracy: Mapping[str, Any]) -> None:
+    """Print the median errors of levels by how far away the camera is, in mm and degrees."""
+    table = Table(title="Median error of one look", title_justify="left", padding=(0, 1))
+    for column in (
+        "displaced by up to",
+        "images",
+        *(f"{dof}\n[{unit}]" for dof, unit in zip(DOFS, DISPLAY_UNITS, strict=True)),
+    ):
+        table.add_column(column, justify="right")
+    for ring in accuracy["rings"]:
+        for kind in ("clean", "disturbed"):
+            errors = [f"{ring[kind][dof]:.3f}" for dof in DOFS]
+            table.add_row(f"{ring['mm']:.3g} mm, {ring['deg']:.3g} deg", kind, *errors)
     console().print(table)
-    if isinstance(accuracy.get("observable"), Mapping):
-        console().print(observability(accuracy["observable"]), soft_wrap=True)
 
 
 def observability(observable: Mapping[str, bool]) -> str:
@@ -103,5 +109,47 @@ def observability(observable: Mapping[str, bool]) -> str:
     return f"observable: {', '.join(name.replace('_', ' ') for name in observable)}"
 
 
-def _rounded(value: float) -> str:
-    return f"{value:.2g}" if value < 1 else f"{value:.3g}"
+def _held_out(accuracy: Any) -> tuple[str, Mapping[str, Any]]:
+    """The errors of images held out by dof, and what they are; nothing where there are none."""
+    for name, words in (("rms", "RMS"), ("median", "median")):
+        values = _within(accuracy, name)
+        if values:  # models had medians before they had RMS errors
+            return words, values
+    return "", {}
+
+
+def _notes(accuracy: Mapping[str, Any], statistic: str, *, is_keyframe: bool) -> Iterator[str]:
+    """What the columns of the table are of."""
+    held_out = _within(accuracy, "held_out")
+    images, groups = held_out.get("images"), held_out.get("groups")
+    share: Any = held_out.get("share_right")
+    said = f"one look, held out: {statistic}"
+    if isinstance(images, int):
+        said += f" of {images} images"
+        if isinstance(groups, int) and groups < images:
+            said += f" in {groups} independent groups"
+        if _is_number(share) and share < 1:
+            said += f", of the {round(share * images)} read within a quarter of the range"
+    yield said
+    loop = _within(_within(accuracy, "assessment"), "loop")
+    if is_keyframe and _is_number(loop.get("success")) and isinstance(loop.get("starts"), int):
+        arrived = round(loop["success"] * loop["starts"])
+        said = f"in the loop: {arrived} of {loop['starts']} rehearsed starts arrive"
+        mm, deg = _cell(loop.get("end_mm"), "mm"), _cell(loop.get("end_deg"), "deg")
+        yield said if NONE in (mm, deg) else f"{said}; camera {mm}, {deg} away"
+    if isinstance(accuracy.get("observable"), Mapping):
+        yield observability(accuracy["observable"])
+
+
+def _within(values: Any, name: str) -> Mapping[str, Any]:
+    """A mapping in a mapping; an empty one where there is none."""
+    inner = values.get(name) if isinstance(values, Mapping) else None
+    return inner if isinstance(inner, Mapping) else {}
+
+
+def _cell(value: Any, unit: str) -> str:
+    return f"{plain_number(value)} {unit}" if _is_number(value) else NONE
+
+
+def _is_number(value: Any) -> bool:
+    return type(value) in (int, float) and 0 <= value < _LARGEST

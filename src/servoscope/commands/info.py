@@ -15,6 +15,8 @@ from servoscope.errors import InvalidInputError, ModelError
 if TYPE_CHECKING:
     from servoscope.keyframe import Keyframe
 
+_LONGEST_LINE = 60
+
 ENDS = ("report.html", "scoreboard.html", "sensitivity.md", "rehearsal.html")
 """The last file that each kind of run writes."""
 
@@ -26,6 +28,9 @@ def info(
     json: Json = False,
 ) -> None:
     """Show what a data set, a run or a model folder holds; without one, what is installed.
+
+    Of a model: by dof what its assessment forecast, what it reaches on images held out, where the
+    loop ends, and what the view allows. All that the folder says is shown with --json.
 
     Example: servoscope info servoscope-study
 
@@ -158,7 +163,7 @@ def describe_model(folder: Path) -> dict[str, Any]:
 
 
 def _print_model(folder: Path) -> None:
-    """Print what a model folder holds; the accuracy as a table, where there is one."""
+    """Print what a model is and the table of its errors; all of its facts if it has no table."""
     from servoscope.commands.accuracy import has_table, print_accuracy
     from servoscope.commands.output import print_facts
 
@@ -167,20 +172,50 @@ def _print_model(folder: Path) -> None:
     if not has_table(accuracy):
         print_facts(facts)
         return
-    del facts["accuracy"]
-    ranges, limit = None, facts.pop("limit", None)
-    if limit is not None:
-        source = facts.pop("trained_on", {})
-        named = [str(source[key]) for key in ("kind", "rings", "robot") if key in source]
-        facts["trained on"] = f"{accuracy['n_images']} images" + "".join(f", {x}" for x in named)
-        residual = f"residual {accuracy['residual']:.2g} grey, noise {accuracy['noise']:.2g} grey"
+    limit = facts.get("limit")
+    shown = {"kind": "levels" if limit is None else "keyframe", "images": _trained_on(facts)}
+    if "ranges" in facts:
+        shown["dofs, range"] = _short_ranges(facts["ranges"])
+    if "pivot_mm" in facts:
+        shown["pivot"] = f"{facts['pivot_mm']:.4g} mm away"
+    if all(_is_number(accuracy.get(name)) for name in ("residual", "noise")):
+        residual = f"{accuracy['residual']:.2g} grey, noise {accuracy['noise']:.2g} grey"
         if _is_number(accuracy.get("residual_over_noise")):
             residual += f"; held out {accuracy['residual_over_noise']:.2g} times the noise"
-        facts["images explained"] = residual
-        shown = facts.pop("ranges", None)
-        ranges = shown and {dof: float(text.split()[0]) for dof, text in shown.items()}
-    print_facts(facts)
-    print_accuracy(accuracy, ranges=ranges, limit=limit)
+        shown["residual"] = residual
+    print_facts(shown)
+    print_accuracy(accuracy, limit=limit)
+
+
+def _trained_on(facts: dict[str, Any]) -> str:
+    """How many images of what size a model was trained on, and where they come from."""
+    from servoscope.wording import one_line
+
+    source, n_images = facts.get("trained_on"), facts["accuracy"].get("n_images")
+    source = source if isinstance(source, dict) else {}
+    n_images = source.get("n_images") if n_images is None else n_images
+    size = facts.get("size_px")
+    parts = [
+        *([f"{n_images}"] if _is_number(n_images) else []),
+        *(["{} x {} px".format(*size)] if size else []),
+        *(str(source[key]) for key in ("kind", "rings", "robot") if key in source),
+    ]
+    return one_line(", ".join(parts), _LONGEST_LINE)
+
+
+def _short_ranges(ranges: dict[str, str]) -> str:
+    """Ranges by dof, each unit once.
+
+    Examples
+    --------
+    >>> _short_ranges({"tx": "25 mm", "ty": "20.013 mm", "rz": "15 deg"})
+    'tx 25, ty 20 mm; rz 15 deg'
+    """
+    by_unit: dict[str, list[str]] = {}
+    for dof, text in ranges.items():
+        value, unit = text.split()
+        by_unit.setdefault(unit, []).append(f"{dof} {float(value):.3g}")
+    return "; ".join(f"{', '.join(parts)} {unit}" for unit, parts in by_unit.items())
 
 
 def _keyframe(header: dict[str, Any], arrays: dict[str, Any]) -> Keyframe | None:

@@ -5,15 +5,19 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import UseAppendAction, arg
 
 from servoscope.commands.options import DataSet, Dofs, Force, Jobs, Json, ModelOut, owning_model
 from servoscope.errors import InvalidInputError, ServoscopeWarning
+from servoscope.wording import one_line
 
 if TYPE_CHECKING:
+    from servoscope.data.images import PoseImageSet
+    from servoscope.pipeline import PosePipeline
     from servoscope.positioning.calibration import Calibration
+    from servoscope.positioning.training import Assessed
 
 Intrinsics = Annotated[
     str | None,
@@ -43,11 +47,15 @@ Add = Annotated[
 ]
 
 
+_KEPT = ("unit", "forecast_rms", "interval", "reached_rms", "one_look", "loop", "view_limit")
+
+
 @owning_model
 def train(
     dataset: DataSet,
     out: ModelOut = Path("servoscope-model"),
     add: Add = (),
+    assessment: Path | None = None,
     method: Literal["auto", "keyframe", "levels"] = "auto",
     intrinsics: Intrinsics = None,
     pose_noise: PoseNoise = None,
@@ -71,27 +79,40 @@ def train(
 
     Example: servoscope train monday --add tuesday --add other-lamp --out model
 
+    Example: servoscope assess desk --out desk-run && servoscope train desk --assessment desk-run
+
     Example: servoscope train cell --intrinsics 512,512,319.5,239.5,-0.1,0.02 --pose-noise 0.1,0.02
 
     Args:
+        assessment: Run of assess on this data set: accuracy is measured on the images that it
+            tested on, and the model keeps its forecasts. A keyframe is made by default if one
+            explained the view there.
         method: What to make; by default a keyframe, or, of images that are enough for levels too,
             what reads images held out better.
         distance_mm: Of the part from the camera, within a factor of two, for a keyframe.
         seed: Seed of the nets, of what is held out, and of the disturbances.
     """
-    from servoscope.commands.accuracy import print_accuracy
+    from servoscope.commands.accuracy import print_accuracy, print_rings
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import console, print_json
     from servoscope.commands.progress import progress_bar
     from servoscope.data.checks import check_data
     from servoscope.data.images import PoseImageSet
+    from servoscope.data.independence import mark_sequence
     from servoscope.dofs import parse_dofs
+    from servoscope.poses import DISPLAY_FACTORS, DOFS
     from servoscope.positioning.decision import decision_text
+    from servoscope.positioning.keyframe_model import KeyframeModel
     from servoscope.positioning.training import N_STAGES
     from servoscope.positioning.training import train as train_model
     from servoscope.storage.model_folder import check_free
 
     processes = n_jobs(jobs)
+    if assessment is not None and add:
+        raise InvalidInputError(
+            "--assessment is of one data set, so it does not go with --add; join the data sets in "
+            "a folder (PoseImageSet.append) and assess that."
+        )
     check_free(out, force=force)
     data = PoseImageSet.load(dataset)
     for more in add:
@@ -101,6 +122,10 @@ def train(
     for finding in check_data(data):
         warnings.warn(finding.text, ServoscopeWarning, stacklevel=2)
     calibration = _calibration(data.image_shape, intrinsics, pose_noise, distance_mm)
+    assessed = None
+    if assessment is not None:
+        data = mark_sequence(data)
+        assessed = read_assessment(assessment, data)
     with progress_bar("training", N_STAGES) as advance:
         model = train_model(
             data,
@@ -109,15 +134,84 @@ def train(
             n_jobs=processes,
             on_progress=advance,
             calibration=calibration,
+            assessment=assessed,
         )
     model.save(out, force=force)
     if json:
         print_json({"model": str(out), "dofs": list(data.dofs), "accuracy": model.accuracy})
     else:
-        print_accuracy(model.accuracy)
+        if isinstance(model, KeyframeModel):
+            limit = (model.keyframe.limit().std * DISPLAY_FACTORS).tolist()
+            print_accuracy(model.accuracy, limit=dict(zip(DOFS, limit, strict=True)))
+        else:
+            print_accuracy(model.accuracy)
+            print_rings(model.accuracy)
         if "decision" in model.accuracy:
             console().print(decision_text(model.accuracy["decision"]), soft_wrap=True)
         console().print(f"model: {out}", soft_wrap=True)
+
+
+def read_assessment(run: Path, data: PoseImageSet) -> Assessed:
+    """What a model of a data set takes from a run of ``assess`` on it.
+
+    Parameters
+    ----------
+    run : Path
+    data : PoseImageSet
+        Marked as a sequence if it is one.
+
+    Raises
+    ------
+    RunFolderError
+        If the folder holds no finished assessment whose choice was saved.
+    InvalidInputError
+        If that is of another data set.
+    """
+    import numpy as np
+
+    from servoscope.errors import RunFolderError
+    from servoscope.pipeline import PosePipeline
+    from servoscope.positioning.training import Assessed
+    from servoscope.storage.model_folder import is_model
+    from servoscope.study.run import fingerprint
+    from servoscope.study.run_folder import read_json, read_settings
+
+    if read_settings(run).get("command") != "assess" or not (run / "assessment.json").exists():
+        raise RunFolderError(
+            f"{run} is not a finished run of assess; make one: servoscope assess DATASET --out RUN."
+        )
+    if not is_model(run / "models" / "pipeline"):
+        raise RunFolderError(
+            f"{run} holds no models/pipeline, as nothing was chosen there or it could not be saved;"
+            " train without --assessment."
+        )
+    pipeline = PosePipeline.load(run / "models" / "pipeline")
+    found = read_json(run / "assessment.json")
+    own, known = fingerprint(data), pipeline.record_.get("fingerprint")
+    if known != own:
+        raise InvalidInputError(
+            f"{run} is an assessment of another data set (fingerprint {known}, that of this one is "
+            f"{own}); assess this one, or train without --assessment."
+        )
+    try:
+        groups = np.array(pipeline.record_["groups"], dtype=np.intp)
+        record = {"fingerprint": own, "loop": found["loop"], "dofs": _dof_records(pipeline, found)}
+    except (LookupError, TypeError, ValueError) as error:
+        raise RunFolderError(
+            f"{run} is damaged ({one_line(error)}); make the run again with --force."
+        ) from error
+    return Assessed(pipeline.split_, groups, record)
+
+
+def _dof_records(pipeline: PosePipeline, found: dict[str, Any]) -> dict[str, Any]:
+    """By dof that moves, its recipe and what was forecast and measured."""
+    return {
+        dof: {
+            "recipe": described["recipe"],
+            **{name: found["dofs"][dof][name] for name in _KEPT},
+        }
+        for dof, described in pipeline.describe()["dofs"].items()
+    }
 
 
 def _calibration(

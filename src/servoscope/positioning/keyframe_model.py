@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.data.images import PoseImageSet
 from servoscope.data.independence import independent_groups
+from servoscope.data.splits import Split
 from servoscope.dofs import check_dofs, mask_of, moving_dofs
 from servoscope.errors import DataSetError, InvalidInputError
 from servoscope.keyframe import Alignment, Keyframe, Readings, read_held_out
 from servoscope.keyframe.alignment import CLEARLY_ALIKE
+from servoscope.keyframe.fitting import evenly_spread
 from servoscope.poses import (
     DISPLAY_FACTORS,
     DOFS,
@@ -33,6 +35,7 @@ from servoscope.positioning.recognition import (
     read_right,
     recogniser,
 )
+from servoscope.processes import in_processes
 from servoscope.storage.model_folder import Folder, write_model
 
 KIND = "keyframe"
@@ -47,6 +50,9 @@ NOT_SEEN = -1.0
 LEAST_IMAGES = 15
 """Images that a model needs, so that some can be held out."""
 
+MOST_FITTED, MOST_READ = 40, 40
+"""Images of a split that a keyframe is fitted to, and that it reads, at most."""
+
 _MOST_IMAGES = 90
 _FARTHEST = 2.0
 """Shares of the reach beyond which nothing is read."""
@@ -54,6 +60,24 @@ _FARTHEST = 2.0
 _MOST_OPTIMISTIC = 5.0
 _N_GROUPS = 3
 _NORMAL_QUANTILE_90 = 1.645
+
+
+class HeldOutReadings(NamedTuple):
+    """What keyframes read of images held out.
+
+    Parameters
+    ----------
+    readings : Readings
+        With `recogniser` for the similarity.
+    truth : ndarray of shape (n, 6)
+        The displacements of the images about the pivot, [m] and [rad].
+    n_groups : int, optional
+        Of how many groups that are independent of each other the images are.
+    """
+
+    readings: Readings
+    truth: Array
+    n_groups: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +132,7 @@ class KeyframeModel:
         cls,
         data: PoseImageSet,
         *,
+        held_out: HeldOutReadings | None = None,
         calibration: Calibration | None = None,
         n_jobs: int | None = -1,
         on_progress: Callable[[int], object] | None = None,
@@ -117,6 +142,9 @@ class KeyframeModel:
         Parameters
         ----------
         data : PoseImageSet
+        held_out : HeldOutReadings, optional
+            What its accuracy is taken from; by default each third of the images is read by a
+            keyframe that is fitted without it.
         calibration : Calibration, optional
             What need not be found, or is known of the poses.
         n_jobs : int, optional
@@ -141,18 +169,20 @@ class KeyframeModel:
         reference = shown.reference_image, shown.T_world_ref
         options = keyframe_options(data, calibration)
         try:
-            groups = independent_groups(shown, _N_GROUPS).labels
-            held = groups >= 0
-            readings = read_held_out(
-                taken[0][held], taken[1][held], *reference, groups[held],
-                similarity_by=recogniser, n_jobs=n_jobs, **options,
-            )  # fmt: skip
+            if held_out is None:
+                groups = independent_groups(shown, _N_GROUPS).labels
+                held = groups >= 0
+                readings = read_held_out(
+                    taken[0][held], taken[1][held], *reference, groups[held],
+                    similarity_by=recogniser, n_jobs=n_jobs, **options,
+                )  # fmt: skip
+                held_out = HeldOutReadings(readings, shown.delta_p()[held])
             tell(1)
             keyframe = Keyframe.fit(*taken, *reference, **options)
             tell(2)
         except InvalidInputError as error:
             raise DataSetError(f"No keyframe can be fitted: {error}") from error
-        model = cls.of_readings(keyframe, data, shown, readings, shown.delta_p()[held])
+        model = cls.of_readings(keyframe, data, shown, *held_out)
         displacements = inverse_transform(data.T_world_ref) @ shown.T_world_cam
         first_guess = FirstGuess.train(model.keyframe, model.reach, shown.images, displacements)
         tell(3)
@@ -166,6 +196,7 @@ class KeyframeModel:
         fitted: PoseImageSet,
         readings: Readings,
         truth: Array,
+        n_groups: int | None = None,
     ) -> KeyframeModel:
         """A model of a keyframe and what it reads of other images, without first guesses.
 
@@ -176,14 +207,13 @@ class KeyframeModel:
             Whose range is covered.
         fitted : PoseImageSet
             Those of its images that the keyframe was fitted to.
-        readings : Readings
-            Of images that it was not fitted to, with `recogniser` for the similarity.
-        truth : ndarray of shape (n, 6)
-            Their displacements about the pivot, [m] and [rad].
+        readings, truth, n_groups
+            As of `HeldOutReadings`, by this keyframe or others.
         """
         is_read, is_commanded = mask_of(keyframe.dofs), mask_of(data.dofs)
         errors, reach = np.abs(readings.errors) * is_read, np.where(is_read, data.ranges(), 0.0)
-        right = read_right(errors, reach)
+        right = read_right(errors * is_commanded, reach)
+        rms = np.sqrt(np.mean(readings.errors[right if right.any() else ...] ** 2, axis=0))
         factor = np.ones(6)
         factor[is_read] = deviation_factor(
             errors[right][:, is_read], readings.std[right][:, is_read]
@@ -193,6 +223,12 @@ class KeyframeModel:
         chance = chance_similarity(keyframe, fitted.images, _FARTHEST * reach)
         within = (errors <= 2 * factor * readings.std)[:, is_commanded]
         accuracy = {
+            "rms": _by_dof(rms * DISPLAY_FACTORS, data.dofs),
+            "held_out": {
+                "images": len(errors),
+                "share_right": float(right.mean()),
+                **({} if n_groups is None else {"groups": n_groups}),
+            },
             "error_shares": _by_dof(error_shares(errors, truth), data.dofs),
             "median": _by_dof(np.median(errors, axis=0) * DISPLAY_FACTORS, data.dofs),
             "quantile_90": _by_dof(np.quantile(errors, 0.9, axis=0) * DISPLAY_FACTORS, data.dofs),
@@ -327,6 +363,55 @@ def keyframe_options(data: PoseImageSet, calibration: Calibration | None = None)
     options["pivot"] = data.pivot
     options["dofs"] = check_dofs({*data.dofs, *moving_dofs(data.delta_p(), data.pivot)})
     return options
+
+
+def fit_and_read(
+    data: PoseImageSet,
+    fitted: NDArray[np.intp],
+    read: NDArray[np.intp],
+    calibration: Calibration | None = None,
+) -> tuple[Keyframe, Readings]:
+    """A keyframe of some images, and what it reads of others, with `recogniser`."""
+    keyframe = Keyframe.fit(
+        data.images[fitted],
+        data.T_world_cam[fitted],
+        data.reference_image,
+        data.T_world_ref,
+        **keyframe_options(data, calibration),
+    )
+    readings = Readings.of(
+        keyframe, data.images[read], data.T_world_cam[read], data.T_world_ref, recogniser
+    )
+    return keyframe, readings
+
+
+def read_test_images(
+    data: PoseImageSet,
+    split: Split,
+    groups: NDArray[np.intp],
+    calibration: Calibration | None = None,
+) -> HeldOutReadings:
+    """What a keyframe of the images of a split that are learned from reads of its test images.
+
+    Parameters
+    ----------
+    data : PoseImageSet
+    split : Split
+    groups : ndarray of shape (n_images,)
+        Images of a group are not independent of each other.
+    calibration : Calibration, optional
+
+    Raises
+    ------
+    DataSetError
+        If no keyframe explains the images.
+    """
+    fitted, read = evenly_spread(split.learned, MOST_FITTED), evenly_spread(split.test, MOST_READ)
+    try:
+        ((_, readings),) = in_processes(fit_and_read, [(data, fitted, read, calibration)], 1)
+    except InvalidInputError as error:
+        raise DataSetError(f"No keyframe can be fitted: {error}") from error
+    return HeldOutReadings(readings, data.delta_p()[read], len(np.unique(groups[read])))
 
 
 def parts_of(arrays: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, NDArray[Any]]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from servoscope.data.images import PoseImageSet
 from servoscope.data.independence import independent_groups
+from servoscope.data.splits import Split
 from servoscope.dofs import mask_of
 from servoscope.errors import DataSetError, InvalidInputError, ServoscopeWarning
 from servoscope.poses import DISPLAY_FACTORS, DOFS, displacements_from_poses
 from servoscope.positioning.calibration import Calibration
 from servoscope.positioning.decision import compare_methods
 from servoscope.positioning.disturbances import Disturbances
-from servoscope.positioning.keyframe_model import KeyframeModel, error_shares
+from servoscope.positioning.keyframe_model import KeyframeModel, error_shares, read_test_images
 from servoscope.positioning.ladder import HeldOut, has_images_for_levels, learn_levels
 from servoscope.positioning.model import PositioningModel
 from servoscope.positioning.pose_networks import PoseNetworks
@@ -42,6 +43,49 @@ _MOST_CHECKED = 40
 _LEAST_OUTER = 10
 
 
+@dataclass(frozen=True, eq=False)
+class Assessed:
+    """What an assessment of the same images found.
+
+    Parameters
+    ----------
+    split : Split
+        The images that it learned from, and those that it tested on.
+    groups : ndarray of shape (n_images,)
+        Images of a group are not independent of each other.
+    record : dict
+        What a model shall keep of it, as plain JSON values: ``loop``, of the rehearsal of a
+        keyframe, None if none explains the view, and whatever else.
+    """
+
+    split: Split
+    groups: NDArray[np.intp]
+    record: dict[str, Any]
+
+    def parts(self, n_images: int) -> NDArray[np.intp]:
+        """0 for each image that tests, 1 for those learned from, and -1 for those of neither.
+
+        Raises
+        ------
+        InvalidInputError
+            If these are not parts of so many images.
+        """
+        learned, test = self.split.learned, self.split.test
+        both = np.concatenate([learned, test])
+        is_of_them = bool(both.size) and 0 <= both.min() <= both.max() < n_images
+        if not (is_of_them and test.size and len(np.unique(both)) == len(both)) or (
+            self.groups.shape != (n_images,)
+        ):
+            raise InvalidInputError(
+                f"The split of an assessment must be of these {n_images} images, got "
+                f"{len(learned)} that are learned from and {len(test)} that test, of "
+                f"{len(self.groups)}; assess these images."
+            )
+        parts = np.full(n_images, -1)
+        parts[learned], parts[test] = 1, 0
+        return parts
+
+
 def train(
     data: PoseImageSet,
     *,
@@ -50,6 +94,7 @@ def train(
     n_jobs: int | None = -1,
     on_progress: Callable[[int], object] | None = None,
     calibration: Calibration | None = None,
+    assessment: Assessed | None = None,
 ) -> PositioningModel | KeyframeModel:
     """A model that reads where images were taken.
 
@@ -71,6 +116,10 @@ def train(
         Called with the number of stages, of `N_STAGES`, that are finished.
     calibration : Calibration, optional
         What is known of lens, poses and distance, for a keyframe.
+    assessment : Assessed, optional
+        An assessment of these images. Accuracy, deviations and least similarity are then taken from
+        the images that it tested on, the method is by default the keyframe if one explained the
+        view there, and the model keeps its record.
 
     Returns
     -------
@@ -82,7 +131,8 @@ def train(
         If there are too few images, nothing moves or a dof that was asked for does not, or most
         dofs of images held out are predicted no better than by their mean.
     InvalidInputError
-        If levels are to be learned of images that are not displaced in all six dofs.
+        If levels are to be learned of images that are not displaced in all six dofs, or the
+        assessment is of other images.
 
     Warns
     -----
@@ -93,23 +143,30 @@ def train(
     if method not in METHODS:
         raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, got {method!r}.")
     method = _method_for(data, method)
-    data = within_range(data)
+    parts = None if assessment is None else assessment.parts(len(data))
+    if method == "auto" and assessment is not None and assessment.record.get("loop") is not None:
+        method = "keyframe"
+    whole, data = data, within_range(data)
     calibration = calibration or Calibration()
+    found = {} if assessment is None else {"assessment": assessment.record}
     if method == "keyframe" or (
         method == "auto" and not has_images_for_levels(data.delta_p() / data.ranges())
     ):
-        return _keyframe(data, calibration, n_jobs, on_progress)
+        keyframe = _keyframe(whole, data, assessment, calibration, n_jobs, on_progress)
+        keyframe.accuracy.update(found)
+        return keyframe
     tell = on_progress or (lambda _: None)
+    groups = None if parts is None else parts[~_is_outlying(whole)]
     with one_blas_thread():
-        levels, held_out = _levels(data, seed, n_jobs, tell)
+        levels, held_out = _levels(data, groups, seed, n_jobs, tell)
         if method == "auto":
-            decision = compare_methods(levels, data, held_out, calibration)
-            if decision["chosen"] == "keyframe":
-                model = _keyframe(data, calibration, n_jobs, None)
-                model.accuracy["decision"] = decision
+            found["decision"] = compare_methods(levels, data, held_out, calibration)
+            if found["decision"]["chosen"] == "keyframe":
+                keyframe = _keyframe(whole, data, assessment, calibration, n_jobs, None)
+                keyframe.accuracy.update(found)
                 tell(N_STAGES)
-                return model
-            levels.accuracy["decision"] = decision
+                return keyframe
+    levels.accuracy.update(found)
     check_observable(levels.accuracy["error_shares"])
     tell(N_STAGES)
     return levels
@@ -142,9 +199,7 @@ def within_range(data: PoseImageSet) -> PoseImageSet:
     ServoscopeWarning
         If some are not.
     """
-    if data.pivot_ranges is not None:
-        return data
-    is_outlier = (np.abs(data.delta_p()) > _OUTLYING * data.ranges())[:, mask_of(data.dofs)].any(1)
+    is_outlier = _is_outlying(data)
     if not is_outlier.any():
         return data
     outliers = [data.names[int(i)] for i in np.flatnonzero(is_outlier)]
@@ -159,28 +214,51 @@ def within_range(data: PoseImageSet) -> PoseImageSet:
     return replace(data.subset(np.flatnonzero(~is_outlier)), pivot_ranges=data.ranges())
 
 
+def _is_outlying(data: PoseImageSet) -> NDArray[np.bool_]:
+    """Which images are beyond a range that is estimated without outliers."""
+    if data.pivot_ranges is not None:
+        return np.zeros(len(data), dtype=bool)
+    is_beyond = np.abs(data.delta_p()) > _OUTLYING * data.ranges()
+    return np.asarray(is_beyond[:, mask_of(data.dofs)].any(axis=1))
+
+
 def _keyframe(
+    whole: PoseImageSet,
     data: PoseImageSet,
+    assessment: Assessed | None,
     calibration: Calibration,
     n_jobs: int | None,
     on_progress: Callable[[int], object] | None,
 ) -> KeyframeModel:
+    """A keyframe of the images within the range; the assessment is of all of them."""
+    held_out = None
+    if assessment is not None:
+        held_out = read_test_images(whole, assessment.split, assessment.groups, calibration)
     model = KeyframeModel.train(
-        data, calibration=calibration, n_jobs=n_jobs, on_progress=on_progress
+        data,
+        held_out=held_out,
+        calibration=calibration,
+        n_jobs=n_jobs,
+        on_progress=on_progress,
     )
     check_observable(model.accuracy["error_shares"])
     return model
 
 
 def _levels(
-    data: PoseImageSet, seed: int, n_jobs: int | None, tell: Callable[[int], object]
+    data: PoseImageSet,
+    groups: NDArray[np.intp] | None,
+    seed: int,
+    n_jobs: int | None,
+    tell: Callable[[int], object],
 ) -> tuple[PositioningModel, HeldOut]:
-    """A model of levels and networks, and the images that no level learned from."""
+    """A model of levels and networks, and the images that no level learned from: of group 0."""
     reach, delta_p = data.ranges(), data.delta_p()
     p = delta_p / reach
     rng = np.random.default_rng([seed, len(data)])
-    independence = independent_groups(data, _N_GROUPS)
-    groups = None if independence.kind == "independent" else independence.labels
+    if groups is None:
+        independence = independent_groups(data, _N_GROUPS)
+        groups = None if independence.kind == "independent" else independence.labels
     levels, held_out = learn_levels(data.images, p, data.reference_image, rng, groups=groups)
     tell(1)
     is_kept = np.zeros(len(p), dtype=bool)
@@ -243,7 +321,9 @@ def _measure(model: PositioningModel, held_out: HeldOut) -> dict[str, Any]:
     size = np.abs(held_out.p).max(axis=1)
     outer = np.flatnonzero(size > _OUTER)
     outer = outer if len(outer) >= _LEAST_OUTER else np.arange(len(size))
-    shares = _error_shares(model, held_out.images[outer], held_out.p[outer])
+    errors = _errors(model, held_out.images[outer], held_out.p[outer])
+    truth = held_out.p[outer] * model.reach * DISPLAY_FACTORS
+    rms, shares = np.sqrt(np.mean(errors**2, axis=0)), error_shares(errors, truth)
     rings = []
     for level in model.levels:
         near = np.flatnonzero((size <= level.radius) & (size > level.radius / 2))[:_MOST_CHECKED]
@@ -259,16 +339,12 @@ def _measure(model: PositioningModel, held_out: HeldOut) -> dict[str, Any]:
             ring[kind] = dict(zip(DOFS, np.median(errors, axis=0).tolist(), strict=True))
         rings.append(ring)
     return {
+        "rms": dict(zip(DOFS, rms.tolist(), strict=True)),
+        "held_out": {"images": len(outer)},
         "rings": rings,
         "error_shares": dict(zip(DOFS, shares.tolist(), strict=True)),
         "networks": model.networks.report(),
     }
-
-
-def _error_shares(model: PositioningModel, images: NDArray[np.uint8], p: Array) -> Array:
-    """RMS errors of first looks as shares of those of predicting the mean, (6,)."""
-    truth = p * model.reach * DISPLAY_FACTORS
-    return error_shares(_errors(model, images, p), truth)
 
 
 def _errors(model: PositioningModel, images: NDArray[np.uint8], p: Array) -> Array:

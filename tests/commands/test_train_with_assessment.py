@@ -1,0 +1,171 @@
+"""``servoscope train --assessment``: what is assessed is what is trained, and what drives."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planar import PIVOT, RANGES, planar_images
+from servoscope.cli import main
+from servoscope.commands.train import read_assessment
+from servoscope.data.images import PoseImageSet
+from servoscope.data.independence import independent_groups, mark_sequence
+from servoscope.errors import DataSetError
+from servoscope.pipeline import PosePipeline
+from servoscope.poses import DOFS, poses_from_displacements
+from servoscope.storage.model_folder import read_model
+from servoscope.study.run import fingerprint
+from servoscope.wording import plain_number
+
+
+def in_order() -> PoseImageSet:
+    """80 images of a camera that sways about the reference."""
+    time = np.linspace(0, 2 * np.pi, 80)[:, None]
+    delta_p = RANGES * np.sin([1.0, 1.7, 2.3, 0.8, 1.3, 2.9] * time + np.arange(6))
+    images = planar_images(np.vstack([delta_p, np.zeros(6)]), 16, 0)
+    poses = poses_from_displacements(np.eye(4), delta_p, PIVOT)
+    return PoseImageSet(images[:-1], poses, np.eye(4), images[-1], pivot=PIVOT)
+
+
+@pytest.fixture(scope="module")
+def assessed(tmp_path_factory):
+    """A data set whose images come in a sequence, and its assessment."""
+    folder = tmp_path_factory.mktemp("assessed")
+    in_order().save(folder / "data")
+    command = ["assess", str(folder / "data"), "--out", str(folder / "run"), "--jobs", "1"]
+    assert main([*command, "--families", "moments"]) == 0
+    return folder
+
+
+def train(folder, *options):
+    return main(["train", str(folder / "data"), "--out", str(folder / "model"), *options])
+
+
+def test_the_split_and_the_groups_are_those_of_the_assessment(assessed, monkeypatch, capsys):
+    given = {}
+
+    def train_model(data, **options):
+        given.update(options, data=data)
+        raise DataSetError("Enough is known.")
+
+    monkeypatch.setattr("servoscope.positioning.training.train", train_model)
+    assert train(assessed, "--assessment", str(assessed / "run")) == 1
+    assert "Enough is known." in capsys.readouterr().err
+    pipeline = PosePipeline.load(assessed / "run" / "models" / "pipeline")
+    found, data = given["assessment"], given["data"]
+    assert data.split == "blocks"
+    np.testing.assert_array_equal(found.split.test, pipeline.split_.test)
+    np.testing.assert_array_equal(found.split.learned, pipeline.split_.learned)
+    np.testing.assert_array_equal(found.groups, independent_groups(data).labels)
+    assert not set(found.groups[found.split.test]) & set(found.groups[found.split.learned])
+    told = json.loads((assessed / "run" / "assessment.json").read_text())
+    assert found.record["fingerprint"] == fingerprint(data)
+    assert found.record["loop"] == told["loop"]
+    for dof, row in found.record["dofs"].items():
+        assert row["recipe"]["features"] == "moments"
+        for name in ("forecast_rms", "reached_rms", "one_look", "loop", "view_limit"):
+            assert row[name] == told["dofs"][dof][name]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--assessment", "RUN"], "RUN is an assessment of another data set"),
+        (["--assessment", "RUN", "--add", "DATA"], "--assessment is of one data set"),
+        (["--assessment", "DATA"], "is not a run folder"),
+        (["--assessment", "NOWHERE"], "is not a run folder"),
+    ],
+)
+def test_an_assessment_of_something_else_is_refused_in_one_line(
+    assessed, tmp_path, capsys, options, said
+):
+    data = in_order()
+    replace(data, images=255 - data.images).save(tmp_path / "data")
+    places = {"RUN": assessed / "run", "DATA": tmp_path / "data", "NOWHERE": tmp_path / "nowhere"}
+    assert train(tmp_path, *(str(places.get(option, option)) for option in options)) == 1
+    err = [line for line in capsys.readouterr().err.splitlines() if "sequence" not in line]
+    assert said.replace("RUN", str(places["RUN"])) in err[-1]
+    assert not (tmp_path / "model").exists()
+
+
+def without(*names):
+    def damage(run):
+        for name in names:
+            shutil.rmtree(run / name) if (run / name).is_dir() else (run / name).unlink()
+
+    return damage
+
+
+def changed(**values):
+    def damage(run):
+        told = json.loads((run / "assessment.json").read_text())
+        (run / "assessment.json").write_text(json.dumps(told | values))
+
+    return damage
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (without("assessment.json"), "not a finished run of assess"),
+        (without("models"), "holds no models/pipeline"),
+        (without("models/pipeline/arrays.npz"), "arrays.npz"),
+        (changed(dofs={}), "is damaged"),
+        (changed(dofs=3), "is damaged"),
+        (lambda run: (run / "assessment.json").write_text("{"), "assessment.json"),
+    ],
+)
+def test_a_damaged_assessment_is_refused_in_one_line(assessed, tmp_path, damage, said):
+    run = tmp_path / "run"
+    shutil.copytree(assessed / "run", run)
+    damage(run)
+    data = mark_sequence(PoseImageSet.load(assessed / "data"))
+    with pytest.raises(Exception, match=said) as caught:
+        read_assessment(run, data)
+    assert "servoscope.errors" in type(caught.value).__module__
+    assert "\n" not in str(caught.value)
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory):
+    """The simulated cell, assessed and trained on."""
+    folder = tmp_path_factory.mktemp("cell")
+    data, run, model = (str(folder / name) for name in ("data", "run", "model"))
+    assert main(["acquire", data, "--image-size", "96", "--schedule", "60@1.6"]) == 0
+    assert main(["assess", data, "--out", run, "--families", "moments", "--jobs", "1"]) == 0
+    assert main(["train", data, "--assessment", run, "--out", model, "--jobs", "1"]) == 0
+    return folder
+
+
+def rows_of(table: str) -> dict[str, list[str]]:
+    """The cells of a printed table by dof."""
+    lines = [line.split("│")[1:-1] for line in table.splitlines() if line.startswith("│")]
+    return {cells[0].strip(): [cell.strip() for cell in cells[1:]] for cells in lines}
+
+
+@pytest.mark.slow
+def test_what_is_read_of_one_part_agrees_from_assessing_to_positioning(cell, capsys):
+    told = json.loads((cell / "run" / "assessment.json").read_text())
+    accuracy = read_model(cell / "model")[0]["accuracy"]
+    capsys.readouterr()
+    assert main(["info", str(cell / "model")]) == 0
+    out = capsys.readouterr().out
+    assert max(map(len, out.splitlines())) <= 80
+    rows = rows_of(out)
+    assert list(rows) == list(DOFS)
+    for dof, row in told["dofs"].items():
+        assert row["one_look"]["by"] == "keyframe"
+        assert accuracy["rms"][dof] == pytest.approx(row["one_look"]["rms"], rel=1e-9)
+        shown = (row["forecast_rms"], row["reached_rms"], row["one_look"]["rms"])
+        shown = (*shown, row["loop"]["end_rms"])
+        assert rows[dof][:4] == [f"{plain_number(value)} {row['unit']}" for value in shown]
+    assert accuracy["held_out"]["images"] == told["keyframe"]["n_read"]
+    ends = []
+    for seed in (1, 2, 3):
+        assert main(["position", str(cell / "model"), "--seed", str(seed), "--json"]) == 0
+        ends.append(json.loads(capsys.readouterr().out)["true_error"])
+    for unit in ("mm", "deg"):
+        ratio = np.median([end[unit] for end in ends]) / told["loop"][f"end_{unit}"]
+        assert 1 / 3 < ratio < 3
