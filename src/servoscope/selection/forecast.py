@@ -28,6 +28,11 @@ LEAST_SAMPLES = 8
 LEAST_GROUPS = 4
 """With fewer groups their spread is hardly known."""
 
+TEST_ERROR = 1.5
+"""Standard error of the logarithm of a forecast for the kernel, which is chosen on a part of the
+samples, and for the training set, times the square root of the number of samples; as it was found
+on simulated images (``python -m benchmarks intervals``)."""
+
 MOST_PARTS = 5
 """Parts into which the samples are cut at most, so that kernels are chosen on all but one."""
 
@@ -80,15 +85,15 @@ class Forecast:
         -------
         ndarray of shape (2, n_targets)
             Lower and upper end; see `servoscope.selection.rms_interval.rms_ratio_interval`. The
-            training set and the kernel being these and no others counts as an error of
-            ``1 / sqrt(n_samples)``.
+            training set and the kernel being these and no others count as an error of
+            ``1.5 / sqrt(n_samples)``.
         """
         return self.rms * rms_ratio_interval(
             self.residuals,
             groups,
             effective_groups(test_groups),
             coverage=coverage,
-            other_error=len(self.residuals) ** -0.5,
+            other_error=TEST_ERROR * len(self.residuals) ** -0.5,
         )
 
     def of(self, target: int) -> Forecast:

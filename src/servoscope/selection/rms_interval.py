@@ -142,8 +142,8 @@ def rms_ratio_interval(
     --------
     >>> residuals = np.random.default_rng(0).normal(size=(130, 1))
     >>> rms_ratio_interval(residuals, np.repeat(np.arange(10), 13), n_new=4).round(1)
-    array([[0.7],
-           [1.4]])
+    array([[0.8],
+           [1.3]])
     """
     variances, n_units, share = _spread_of_units(residuals, groups)
     known = effective_groups(groups) if n_known is None else n_known
