@@ -150,7 +150,7 @@ def _decide(
         "interval": _reached_interval(found, dof, scale),
         "by": "features",
     }
-    row = {
+    row: dict[str, Any] = {
         "forecast_rms": rms * scale,
         "interval": _forecast_interval(found, forecast, scale),
         "reached_rms": reached["rms"],
