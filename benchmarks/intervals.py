@@ -87,7 +87,7 @@ CHOSEN_ON = Plan(
 OTHERS = Plan(
     "others",
     (7,),
-    ((10, 200, 64), (11, 200, 64), (12, 120, 96), (13, 400, 64)),
+    ((12, 120, 96), (13, 400, 64), *((seed, 200, 64) for seed in (10, 11, *range(20, 28)))),
     {"tum_fr1_rpy": (200, 380, 520), "seven_scenes_kitchen": (180, 350, 550, 750, 880)},
     dict.fromkeys(("tum_fr1_rpy", "seven_scenes_kitchen"), ((200, 25), (300, 35), (500, 50))),
 )
