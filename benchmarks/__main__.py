@@ -27,6 +27,7 @@ KERNELS = (
     "rehearsal",
     "next_images",
     "recorded",
+    "intervals",
 )
 
 

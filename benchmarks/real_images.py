@@ -65,24 +65,27 @@ def read_kitchen() -> tuple[
     tuple[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray], None
 ]:
     """Frames near one of them, without those that repeat the frame before."""
-    folder, reference = SHARED / "seven_scenes_kitchen", 251
+    reference = 251
+    images, poses, numbers = read_kitchen_frames()
+    at_reference = np.flatnonzero(numbers == reference)[0]
+    D = inverse_transform(poses[at_reference]) @ poses
+    angle = Rotation.from_matrix(D[:, :3, :3]).magnitude()
+    near = (np.linalg.norm(D[:, :3, 3], axis=1) < 0.35) & (angle < np.radians(25))
+    near[at_reference] = False
+    held = images[near], poses[near], numbers[near].astype(float)
+    return held, (images[at_reference], poses[at_reference]), None
+
+
+def read_kitchen_frames() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """All frames with their poses and numbers, without those that repeat the frame before."""
+    folder = SHARED / "seven_scenes_kitchen"
     poses = np.stack([np.loadtxt(folder / f"frame-{k:06d}.pose.txt") for k in range(1000)])
     U, _, Vt = np.linalg.svd(poses[:, :3, :3])
     poses[:, :3, :3] = U @ Vt
     assert is_rigid(poses)
-    D = inverse_transform(poses[reference]) @ poses
-    angle = Rotation.from_matrix(D[:, :3, :3]).magnitude()
-    near = (np.linalg.norm(D[:, :3, 3], axis=1) < 0.35) & (angle < np.radians(25))
-    near[reference] = False
-    chosen, before = [], None
-    for k in np.flatnonzero(near):
-        image = _grey(folder / f"frame-{k:06d}.jpg")
-        if before is None or not np.array_equal(image, before):
-            chosen.append((k, image))
-        before = image
-    numbers = np.array([k for k, _ in chosen])
-    held = np.stack([image for _, image in chosen]), poses[numbers], numbers.astype(float)
-    return held, (_grey(folder / f"frame-{reference:06d}.jpg"), poses[reference]), None
+    images = np.stack([_grey(folder / f"frame-{k:06d}.jpg") for k in range(1000)])
+    is_new = np.append(True, (images[1:] != images[:-1]).any(axis=(1, 2)))
+    return images[is_new], poses[is_new], np.flatnonzero(is_new)
 
 
 def _grey(path: Path) -> np.ndarray:

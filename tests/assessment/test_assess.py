@@ -186,6 +186,12 @@ def test_a_sequence_is_tested_on_whole_blocks_and_says_what_a_random_split_promi
     )
     found = decide(data)
     assert found["images"]["independence"] == "sequence"
+    for row in found["dofs"].values():
+        for end in ("interval", "reached_interval"):
+            low, high = row[end]
+            assert high > 1.7 * low  # as even errors scatter of which five blocks tell
+        assert row["interval"][0] < row["forecast_rms"] < row["interval"][1]
+        assert row["reached_interval"][0] < row["reached_rms"] < row["reached_interval"][1]
     promises = [
         line
         for row in found["dofs"].values()

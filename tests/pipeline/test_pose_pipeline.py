@@ -218,5 +218,17 @@ def test_folds_of_learned_projections_are_those_fitted_anew(plane):
     table = FeatureTable.fit(plane.images, Y, names, learn, n_folds=3, n_jobs=1)
     for fold in table.folds:
         used = np.setdiff1d(learn, fold.left_out)
-        anew = FeatureTable.fit(plane.images, Y, names, used, n_jobs=1).values[learn]
-        np.testing.assert_allclose(np.abs(fold.X), np.abs(anew), rtol=1e-2, atol=2e-5)
+        anew = FeatureTable.fit(plane.images, Y, names, used, n_jobs=1)
+        folded = fold.X[:, [table.names.index(name) for name in anew.names]]
+        np.testing.assert_allclose(np.abs(folded), np.abs(anew.values[learn]), rtol=1e-2, atol=2e-5)
+
+
+def test_folds_have_the_columns_of_the_table_however_few_the_images(plane):
+    """Of 90 images there are 30 eigenfeatures, of the 60 that a fold learns from there were 20."""
+    names, learn = ["eigenfeatures", "moments", "least_squares"], np.arange(90)
+    Y = plane.delta_p() / plane.ranges()
+    table = FeatureTable.fit(plane.images, Y, names, learn, n_folds=3, n_jobs=1)
+    moments = table.columns(Recipe("moments"))
+    for fold in table.folds:
+        assert fold.X.shape[1] == len(table.names)
+        np.testing.assert_array_equal(fold.X[:, moments], table.values[np.ix_(learn, moments)])

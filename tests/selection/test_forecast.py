@@ -25,16 +25,21 @@ def test_the_noise_is_forecast_where_the_features_tell_everything_else():
     assert forecast.interval[0, 0] < 0.2 < 1.05 * forecast.interval[1, 0]
 
 
-def test_the_interval_holds_what_new_samples_reach():
-    held = 0
+def test_the_intervals_hold_what_new_samples_reach():
+    held, held_of_few = 0, 0
     for seed in range(15):
         X, y = samples(100, noise=0.1, seed=seed)
         X_new, y_new = samples(1000, noise=0.1, seed=1000 + seed)
         kernel = fit_kernel(X, y)
-        reached = np.sqrt(np.mean((predict_samples(kernel, X, y, X_new) - y_new) ** 2))
-        low, high = forecast_errors(X, y).interval[:, 0]
-        held += low <= reached <= high
+        squares = (predict_samples(kernel, X, y, X_new) - y_new) ** 2
+        forecast = forecast_errors(X, y)
+        low, high = forecast.interval[:, 0]
+        held += low <= np.sqrt(np.mean(squares)) <= high
+        low, high = forecast.interval_of_test(np.arange(100), np.arange(20))[:, 0]
+        few = np.sqrt(squares.reshape(50, 20).mean(axis=1))
+        held_of_few += np.mean((low <= few) & (few <= high))
     assert held >= 12
+    assert 0.84 < held_of_few / 15 < 0.99
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servoscope.assessment.advice import Findings, advise
 from servoscope.assessment.budget import share_out
@@ -26,8 +27,8 @@ from servoscope.assessment.what_if import inner_rms
 from servoscope.features.catalogue import title_of
 from servoscope.pipeline import Fitted
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
-from servoscope.selection import LearningCurve
-from servoscope.selection.rms_interval import rms_interval
+from servoscope.selection import Forecast, LearningCurve
+from servoscope.selection.rms_interval import effective_groups, rms_ratio_interval
 
 TIMES = (1, 2, 5, 10)
 """Numbers of images, in those there are, at which the learning curve is given."""
@@ -149,9 +150,9 @@ def _decide(
         "interval": _reached_interval(found, dof, scale),
         "by": "features",
     }
-    row = {
+    row: dict[str, Any] = {
         "forecast_rms": rms * scale,
-        "interval": (forecast.interval[:, 0] * scale).tolist(),
+        "interval": _forecast_interval(found, forecast, scale),
         "reached_rms": reached["rms"],
         "reached_interval": reached["interval"],
         "unit": DISPLAY_UNITS[i],
@@ -204,12 +205,24 @@ def _by_keyframe(view: ViewFindings, dof: str, reached: dict[str, Any]) -> dict[
     }
 
 
+def _forecast_interval(found: Assessment, forecast: Forecast, scale: float) -> list[float]:
+    """90 % interval of what the test images, of which there are only so many groups, will show."""
+    learned, tested = _groups(found)
+    return [float(end) * scale for end in forecast.interval_of_test(learned, tested)[:, 0]]
+
+
 def _reached_interval(found: Assessment, dof: str, scale: float) -> list[float]:
-    """90 % interval of the error on test images, of which there are only so many groups."""
-    groups = found.independence.labels[found.split.test]
-    errors = found.fitted[dof].errors[:, None]
-    several = len(np.unique(groups)) > 1
-    return [float(end) * scale for end in rms_interval(errors, groups if several else None)[:, 0]]
+    """90 % interval of what infinitely many test images would show, of whose groups some did."""
+    learned, tested = _groups(found)
+    residuals, n_tested = found.forecasts[dof].residuals, effective_groups(tested)
+    ratios = rms_ratio_interval(residuals, learned, np.inf, n_tested)[:, 0]
+    return [float(ratio) * found.fitted[dof].test_rms * scale for ratio in ratios]
+
+
+def _groups(found: Assessment) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The independent groups of the images that are learned from and of the test images."""
+    labels = found.independence.labels
+    return labels[found.split.learned], labels[found.split.test]
 
 
 def _find(
@@ -350,7 +363,7 @@ def _family(found: Assessment, name: str, scale: Mapping[str, float]) -> dict[st
         "dofs": {
             dof: {
                 "forecast_rms": float(forecast.rms[0]) * scale[dof],
-                "interval": (forecast.interval[:, 0] * scale[dof]).tolist(),
+                "interval": _forecast_interval(found, forecast, scale[dof]),
                 "reached_rms": found.fitted[dof].test_rms * scale[dof]
                 if found.choice[dof] == name
                 else None,

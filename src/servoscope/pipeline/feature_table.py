@@ -43,10 +43,12 @@ class FittedFamily:
     names: tuple[str, ...]
 
     @classmethod
-    def fit(cls, name: str, family: Family, images: Images, targets: Array) -> FittedFamily:
-        """Fit a family to images and their displacements; see `transform`."""
+    def fit(
+        cls, name: str, family: Family, images: Images, targets: Array, n_learned: int | None = None
+    ) -> FittedFamily:
+        """Fit a family, as it is made for so many images, to images and their displacements."""
         with _named(name):
-            transformer = family.make(len(images))
+            transformer = family.make(n_learned or len(images))
             transformer.fit(images, targets)
             n_features = _checked(name, transformer.transform(images[:1]), 1).shape[1]
             return cls(family, transformer, feature_names(name, transformer, n_features))
@@ -309,7 +311,7 @@ def _refit(
     try:
         for part in parts:
             used = np.delete(np.arange(len(images)), part)
-            fitted = FittedFamily.fit(name, family, images[used], targets[used])
+            fitted = FittedFamily.fit(name, family, images[used], targets[used], len(images))
             features.append(fitted.transform(images))
     except InvalidInputError:
         return None

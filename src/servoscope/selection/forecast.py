@@ -12,7 +12,11 @@ from servoscope.kernels import fit_kernel, leave_out_residuals, shots_left_out
 from servoscope.processes import in_processes, one_blas_thread
 from servoscope.selection.entropy_power import EntropyPower, entropy_power
 from servoscope.selection.poses import Poses, group_poses
-from servoscope.selection.rms_interval import rms_interval
+from servoscope.selection.rms_interval import (
+    effective_groups,
+    rms_interval,
+    rms_ratio_interval,
+)
 from servoscope.selection.tables import as_samples, in_ordinary_units
 
 Array = NDArray[np.float64]
@@ -23,6 +27,11 @@ LEAST_SAMPLES = 8
 
 LEAST_GROUPS = 4
 """With fewer groups their spread is hardly known."""
+
+TEST_ERROR = 1.5
+"""Standard error of the logarithm of a forecast for the kernel, which is chosen on a part of the
+samples, and for the training set, times the square root of the number of samples; as it was found
+on simulated images (``python -m benchmarks intervals``)."""
 
 MOST_PARTS = 5
 """Parts into which the samples are cut at most, so that kernels are chosen on all but one."""
@@ -37,7 +46,8 @@ class Forecast:
     rms : ndarray of shape (n_targets,)
         0 for a target that never changes.
     interval : ndarray of shape (2, n_targets)
-        Lower and upper end.
+        Lower and upper end for the RMS of infinitely many images; for that of a test of few see
+        `interval_of_test`.
     baseline : ndarray of shape (n_targets,)
         RMS about the mean of the other samples, or of the other groups: what one who looks at no
         feature reaches.
@@ -58,6 +68,33 @@ class Forecast:
         """Share of each target's variance that the features tell, 0 to 1."""
         left = np.divide(self.rms, self.baseline, out=np.ones_like(self.rms), where=self.rms > 0)
         return np.clip(1.0 - left**2, 0.0, 1.0)
+
+    def interval_of_test(self, groups: Groups, test_groups: Groups, coverage: float = 0.9) -> Array:
+        """Interval for the RMS errors that a test on images of other groups will measure.
+
+        Parameters
+        ----------
+        groups : ndarray of shape (n_samples,)
+            Groups of the samples that are independent of each other; each its own if they all are.
+        test_groups : ndarray of shape (n_test,)
+            Those of the test images.
+        coverage : float
+            How often it shall hold what is measured.
+
+        Returns
+        -------
+        ndarray of shape (2, n_targets)
+            Lower and upper end; see `servoscope.selection.rms_interval.rms_ratio_interval`. The
+            training set and the kernel being these and no others count as an error of
+            ``1.5 / sqrt(n_samples)``.
+        """
+        return self.rms * rms_ratio_interval(
+            self.residuals,
+            groups,
+            effective_groups(test_groups),
+            coverage=coverage,
+            other_error=TEST_ERROR * len(self.residuals) ** -0.5,
+        )
 
     def of(self, target: int) -> Forecast:
         """That of one target."""
