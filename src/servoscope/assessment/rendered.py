@@ -20,10 +20,14 @@ from servoscope.data.splits import Split
 from servoscope.dofs import mask_of
 from servoscope.errors import InvalidInputError
 from servoscope.keyframe import Keyframe
-from servoscope.poses import poses_from_displacements
+from servoscope.keyframe.motion import conjugate
+from servoscope.poses import inverse_transform, poses_from_displacements
 from servoscope.processes import in_processes, one_blas_thread
 from servoscope.progress import ProgressBar, no_progress
-from servoscope.rehearsal.true_view import OwnErrors, TrueView, relief_error
+from servoscope.rehearsal.backdrop import Backdrop
+from servoscope.rehearsal.true_view import WIDEST, OwnErrors, TrueView, relief_error, shifts
+from servoscope.selection import Forecast
+from servoscope.selection.rms_interval import rms_interval
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -74,6 +78,23 @@ class Sample:
     def real_split(self) -> Split:
         """The split of the real images alone."""
         return Split(*(part[part < self.n_real] for part in vars(self.split).values()))
+
+    def on_real_images(self, forecast: Forecast) -> Forecast:
+        """A forecast from the images learned from, of one target, as it is for real images.
+
+        The real ones among them, each predicted from all others, show what the rendered ones
+        leave out: the larger of the two errors counts, as sure as so few real images allow.
+        """
+        if not self.n_rendered:
+            return forecast
+        of_real = forecast.residuals[self.split.learned < self.n_real]
+        real, rendered = np.sqrt(np.mean(of_real**2, axis=0)), forecast.rms
+        factor = np.maximum(np.divide(real, rendered, where=rendered > 0, out=np.ones(1)), 1.0)
+        rms = factor * rendered
+        spread = rms_interval(of_real) / np.where(real > 0, real, 1.0)
+        return replace(
+            forecast, rms=rms, interval=rms * spread, residuals=factor * forecast.residuals
+        )
 
 
 def sample_images(
@@ -131,7 +152,7 @@ def sample_images(
     rng = np.random.default_rng([seed, len(data)])
     moved = data.delta_p()[np.ix_(learn, moving)]
     delta_p[:, moving] = _spread(moved, data.ranges()[moving], n_rendered, rng)
-    images = _render(view, delta_p, seed, n_jobs, progress)
+    images = _render(view, data, delta_p, seed, n_jobs, progress)
     learned = np.concatenate([learn, len(data) + np.arange(n_rendered)])
     decides = np.arange(len(learned)) % _EVERY == 0
     split = Split(learned[~decides], learned[decides], test)
@@ -178,15 +199,31 @@ def _spread(delta_p: Array, ranges: Array, n: int, rng: np.random.Generator) -> 
 
 
 def _render(
-    view: FittedView, delta_p: Array, seed: int, n_jobs: int | None, progress: ProgressBar
+    view: FittedView,
+    data: PoseImageSet,
+    delta_p: Array,
+    seed: int,
+    n_jobs: int | None,
+    progress: ProgressBar,
 ) -> NDArray[np.uint8]:
-    """Images of a keyframe at displacements about its pivot, with the camera's noise."""
+    """Images of a keyframe at displacements about its pivot, with the camera's noise.
+
+    What lies beside the reference view is as the images show it that the keyframe was fitted to.
+    """
     keyframe = view.keyframe
     errors = OwnErrors(keyframe.model_error, relief_error(keyframe))
     noise = keyframe.noise * min(1.0, view.readings.residual_over_noise)  # some was texture
+    moved = inverse_transform(data.T_world_ref) @ data.T_world_cam[view.fitted]
+    order = np.argsort(shifts(keyframe, moved), kind="stable")
+    beside = Backdrop(keyframe, min(WIDEST, data.image_shape[1])).shown_in(
+        (data.images[view.fitted[k]], inverse_transform(conjugate(keyframe.mount, moved[k])))
+        for k in order
+    )
     displacements = poses_from_displacements(np.eye(4), delta_p, keyframe.pivot)
-    starts = range(0, len(delta_p), _BLOCK)
-    calls = [(keyframe, errors, displacements[k : k + _BLOCK], noise, [seed, k]) for k in starts]
+    calls = [
+        (keyframe, errors, beside, displacements[k : k + _BLOCK], noise, [seed, k])
+        for k in range(0, len(delta_p), _BLOCK)
+    ]
     blocks = []
     with progress("rendered images", len(calls)) as advance:
         for block in in_processes(_render_block, calls, n_jobs, batch_size=1):
@@ -196,12 +233,17 @@ def _render(
 
 
 def _render_block(
-    keyframe: Keyframe, errors: OwnErrors, displacements: Array, noise: float, seed: list[int]
+    keyframe: Keyframe,
+    errors: OwnErrors,
+    beside: Backdrop,
+    displacements: Array,
+    noise: float,
+    seed: list[int],
 ) -> NDArray[np.uint8]:
     """Images of a view with errors of its own."""
     rng = np.random.default_rng(seed)
     with one_blas_thread():
-        view = TrueView.draw(keyframe, errors, rng)
+        view = replace(TrueView.draw(keyframe, errors, rng), backdrop=beside)
         clean = np.stack([view.image(D) for D in displacements])
     grey = clean + rng.normal(0, noise, clean.shape)
     return np.rint(grey.clip(0, 255)).astype(np.uint8)

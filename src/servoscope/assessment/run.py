@@ -234,7 +234,7 @@ class _Course:
     ) -> list[Forecast]:
         is_whole = len(table.values) == len(self.data)
         with self.progress(title, len(jobs)) as advance:
-            return forecast_all(
+            found = forecast_all(
                 table,
                 self.targets if is_whole else self.targets[self.split.learned],
                 groups,
@@ -243,6 +243,7 @@ class _Course:
                 n_jobs=self.n_jobs,
                 on_progress=advance,
             )
+        return [self.sample.on_real_images(one) for one in found]
 
     def _train(
         self, table: FeatureTable, jobs: list[tuple[Recipe, str]], title: str
