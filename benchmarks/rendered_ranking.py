@@ -19,7 +19,7 @@ from scipy.stats import spearmanr
 
 from benchmarks.tables import Findings
 from servoscope import DOFS, AcquisitionConfig, PoseImageSet, acquire
-from servoscope.assessment.rendered import Sample, sample_images
+from servoscope.assessment.rendered import sample_images
 from servoscope.features.catalogue import default_families, title_of
 from servoscope.pipeline import FeatureTable, Recipe, forecast_all
 from servoscope.selection import mutual_information
@@ -65,7 +65,7 @@ def _compared(few: PoseImageSet, many: PoseImageSet, title: str) -> Findings:
         "real": mutual_information(values[len(learned) :], targets[len(learned) :]),
     }
     rms = {
-        "rendered": _forecasts(rendered, targets, names, sample),
+        "rendered": _forecasts(rendered, targets, names),
         "as many": _forecasts(as_many, _targets(many), names),
         "real": _forecasts(real, _targets(many), names),
     }
@@ -112,14 +112,10 @@ def _targets(data: PoseImageSet) -> Array:
     return np.asarray(data.delta_p() / data.ranges())
 
 
-def _forecasts(
-    table: FeatureTable, targets: Array, names: list[str], sample: Sample | None = None
-) -> Array:
+def _forecasts(table: FeatureTable, targets: Array, names: list[str]) -> Array:
     """RMS errors, (n_families, 6), in units of the range."""
     jobs = [(Recipe(name), dof) for name in names for dof in DOFS]
     found = forecast_all(table, targets, None, jobs)
-    if sample is not None:
-        found = [sample.on_real_images(one) for one in found]
     return np.array([one.rms[0] for one in found]).reshape(len(names), len(DOFS))
 
 

@@ -222,7 +222,9 @@ class _Course:
         choice = choose(
             {name: replace(candidates[name], forecasts=by) for name, by in thorough.items()}
         )
-        return choice, {dof: thorough[name][dof] for dof, name in choice.items()}
+        return choice, {
+            dof: self.sample.on_real_images(thorough[name][dof]) for dof, name in choice.items()
+        }
 
     def _forecast_all(
         self,
@@ -234,7 +236,7 @@ class _Course:
     ) -> list[Forecast]:
         is_whole = len(table.values) == len(self.data)
         with self.progress(title, len(jobs)) as advance:
-            found = forecast_all(
+            return forecast_all(
                 table,
                 self.targets if is_whole else self.targets[self.split.learned],
                 groups,
@@ -243,7 +245,6 @@ class _Course:
                 n_jobs=self.n_jobs,
                 on_progress=advance,
             )
-        return [self.sample.on_real_images(one) for one in found]
 
     def _train(
         self, table: FeatureTable, jobs: list[tuple[Recipe, str]], title: str
