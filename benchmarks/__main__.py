@@ -26,6 +26,7 @@ KERNELS = (
     "few_images",
     "rehearsal",
     "next_images",
+    "rendered_ranking",
     "recorded",
     "intervals",
 )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.assessment.image_facts import ImageFacts
+from servoscope.assessment.rendered import Sample
 from servoscope.assessment.view import ViewFindings
 from servoscope.data.images import PoseImageSet
 from servoscope.data.independence import IndependentGroups
@@ -24,9 +25,8 @@ class Assessment:
 
     Parameters
     ----------
-    data : PoseImageSet
-    split : Split
-    independence : IndependentGroups
+    sample : Sample
+        The images, and which of them test.
     images : ImageFacts
     candidates : dict of Candidate
     choice : dict
@@ -55,9 +55,7 @@ class Assessment:
         Other regressors on the chosen features, and on the paper's; none unless asked for.
     """
 
-    data: PoseImageSet = field(repr=False)
-    split: Split = field(repr=False)
-    independence: IndependentGroups = field(repr=False)
+    sample: Sample
     images: ImageFacts
     candidates: dict[str, Candidate] = field(repr=False)
     choice: dict[str, str]
@@ -73,6 +71,21 @@ class Assessment:
     view: ViewFindings | None = field(repr=False)
     regressors: list[Fitted] = field(repr=False)
     regressors_on_moments: list[Fitted] = field(repr=False)
+
+    @property
+    def data(self) -> PoseImageSet:
+        """The images: the real ones first."""
+        return self.sample.data
+
+    @property
+    def split(self) -> Split:
+        """Which of them train, validate and test."""
+        return self.sample.split
+
+    @property
+    def independence(self) -> IndependentGroups:
+        """How they depend on each other."""
+        return self.sample.independence
 
     @property
     def learned_targets(self) -> Array:

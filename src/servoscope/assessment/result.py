@@ -88,6 +88,15 @@ def as_json(
 
 def _warnings(found: Assessment) -> Iterator[str]:
     """What whoever took the images should know."""
+    if found.sample.n_rendered:
+        n_learned, n_test = len(found.sample.real_split.learned), len(found.split.test)
+        right = found.sample.view.right if found.sample.view else np.ones(0, bool)
+        yield (
+            f"Few images: features are chosen, forecast and trained on {n_learned} real images and "
+            f"{found.sample.n_rendered} rendered by a keyframe of these, which read "
+            f"{right.sum()} of {len(right)} others right. The measured errors are of {n_test} "
+            "real images that neither has seen."
+        )
     if found.independence.kind == "sequence":
         yield (
             "These images come in a sequence: whole blocks of it are kept for testing, since "
@@ -293,7 +302,7 @@ def _scaled(value: float | None, scale: float) -> float | None:
 def _share_left(found: Assessment, forecast: float, reached: float, baseline: float) -> float:
     """Error, over all images, as a share of that of predicting the mean."""
     n_test = len(found.split.test)
-    n_learned = len(found.split.train) + len(found.split.validation)
+    n_learned = len(found.sample.real_split.learned)
     squares = n_learned * forecast**2 + n_test * reached**2
     return float(np.sqrt(squares / (n_learned + n_test))) / baseline if baseline > 0 else 1.0
 
@@ -340,13 +349,16 @@ def _regressors(compared: Sequence[Fitted], scale: Mapping[str, float]) -> list[
 
 
 def _images(found: Assessment) -> dict[str, Any]:
-    images, repetition = found.images, found.images.repetition
+    images, repetition, sample = found.images, found.images.repetition, found.sample
+    split = {part: indices.tolist() for part, indices in vars(sample.split).items()}
     return {
         "independence": found.independence.kind,
         "independence_ratio": found.independence.ratio,
-        "n_train": len(found.split.train),
-        "n_validation": len(found.split.validation),
-        "n_test": len(found.split.test),
+        "n_train": len(sample.real_split.train),
+        "n_validation": len(sample.real_split.validation),
+        "n_test": len(sample.split.test),
+        "n_rendered": sample.n_rendered,
+        **({"split": split} if sample.n_rendered else {}),
         "n_copies": images.n_copies,
         "noise_grey": images.noise,
         "repeats": repetition.repeats,

@@ -13,15 +13,11 @@ from numpy.typing import NDArray
 from servoscope.assessment.disturbed import N_CONDITIONS, disturb
 from servoscope.assessment.image_facts import describe_images
 from servoscope.assessment.outcome import Assessment
+from servoscope.assessment.rendered import Sample, sample_images
 from servoscope.assessment.view import ViewFindings, examine_view
 from servoscope.assessment.what_if import crop_centre
 from servoscope.data.images import PoseImageSet
-from servoscope.data.independence import (
-    IndependentGroups,
-    independent_groups,
-    moves_enough,
-    split_groups,
-)
+from servoscope.data.independence import moves_enough
 from servoscope.data.splits import Split
 from servoscope.errors import InvalidInputError
 from servoscope.features.catalogue import default_families, resolve_families
@@ -95,19 +91,20 @@ def assess(
     Raises
     ------
     InvalidInputError
-        If a family is unknown, there are fewer than 60 images, or too few are left to learn from.
+        If a family is unknown, there are too few images, see `sample_images`.
     """
     tried = default_families() if families is None else list(families)
     resolve_families(tried)
     make_regressor(regressor)
-    return _Course(data, tuple(tried), regressor, seed, compare, n_jobs, progress).run()
+    sample = sample_images(data, seed, n_jobs=n_jobs, progress=progress)
+    return _Course(sample, tuple(tried), regressor, seed, compare, n_jobs, progress).run()
 
 
 @dataclass(frozen=True, eq=False)
 class _Course:
     """The steps of an assessment, and what they share."""
 
-    data: PoseImageSet
+    sample: Sample
     families: tuple[Any, ...]
     regressor: Any
     seed: int
@@ -115,19 +112,20 @@ class _Course:
     n_jobs: int | None
     progress: ProgressBar
 
-    @cached_property
-    def independence(self) -> IndependentGroups:
-        return independent_groups(self.data)
+    @property
+    def data(self) -> PoseImageSet:
+        return self.sample.data
 
-    @cached_property
+    @property
     def split(self) -> Split:
-        return split_groups(self.data, self.independence, self.seed)
+        return self.sample.split
 
     @cached_property
     def groups(self) -> NDArray[np.intp] | None:
         """Images that belong together; None where each of those learned from is by itself."""
-        own = self.independence.labels[self.split.learned]
-        return None if len(np.unique(own)) == len(own) else self.independence.labels
+        labels = self.sample.independence.labels
+        own = labels[self.split.learned]
+        return None if len(np.unique(own)) == len(own) else labels
 
     @cached_property
     def targets(self) -> Array:
@@ -142,8 +140,7 @@ class _Course:
         return [dof for dof, moves in zip(DOFS, moved, strict=True) if moves]
 
     def run(self) -> Assessment:
-        split = self.split
-        images = describe_images(self.data)
+        images = describe_images(self.sample.real)
         is_hopeless = not (images.change and self.moving)
         tried = ("moments",) if is_hopeless else self.families
         table = self._table(tried, self.data.images, self.targets, self.groups, "features")
@@ -154,9 +151,7 @@ class _Course:
         pipeline = self._pipeline(table, fitted, forecasts)
         noise, disturbed = self._disturb(pipeline, images.noise)
         return Assessment(
-            self.data,
-            split,
-            self.independence,
+            self.sample,
             images,
             candidates,
             choice,
@@ -227,7 +222,9 @@ class _Course:
         choice = choose(
             {name: replace(candidates[name], forecasts=by) for name, by in thorough.items()}
         )
-        return choice, {dof: thorough[name][dof] for dof, name in choice.items()}
+        return choice, {
+            dof: self.sample.on_real_images(thorough[name][dof]) for dof, name in choice.items()
+        }
 
     def _forecast_all(
         self,
@@ -265,10 +262,11 @@ class _Course:
 
     def _view(self) -> ViewFindings | None:
         return examine_view(
-            self.data,
-            self.split.learned,
+            self.sample.real,
+            self.sample.real_split.learned,
             self.split.test,
             self.groups,
+            view=self.sample.view,
             seed=self.seed,
             n_jobs=self.n_jobs,
             progress=self.progress,
@@ -287,7 +285,13 @@ class _Course:
             for (dof, one), scale in zip(forecasts.items(), ranges, strict=True)
         }
         return PosePipeline.from_fitted(
-            table, fitted, ranges, self.split, sample, forecast=rms, pivot=float(self.data.pivot)
+            table,
+            fitted,
+            ranges,
+            self.sample.real_split,
+            sample,
+            forecast=rms,
+            pivot=float(self.data.pivot),
         )
 
     def _disturb(

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from servoscope.data.images import PoseImageSet
 from servoscope.dofs import mask_of
 from servoscope.errors import InvalidInputError, ServoscopeError
+from servoscope.keyframe import Keyframe, Readings
 from servoscope.keyframe.fitting import evenly_spread
 from servoscope.poses import DISPLAY_FACTORS, DOFS
 from servoscope.positioning.arrival import Reached
 from servoscope.positioning.keyframe_model import (
-    LEAST_IMAGES,
     MOST_FITTED,
     MOST_READ,
     KeyframeModel,
@@ -37,8 +37,59 @@ LEAST_RIGHT = 0.5
 STARTS = 8
 """Starts of the rehearsed loop."""
 
-_LEAST_READ = 5
 _LOOKS = 16
+_LEAST_FITTED, _LEAST_READ = 10, 5
+
+
+@dataclass(frozen=True, eq=False)
+class FittedView:
+    """A keyframe, and what it reads of images that it was not fitted to.
+
+    Parameters
+    ----------
+    keyframe : Keyframe
+    fitted, read : ndarray
+        The images that it was fitted to, and those that it read.
+    readings : Readings
+    right : ndarray of bool
+        Which of these it read right.
+    """
+
+    keyframe: Keyframe
+    fitted: Indices
+    read: Indices
+    readings: Readings
+    right: NDArray[np.bool_]
+
+    @property
+    def explains(self) -> bool:
+        """Whether enough images are read right."""
+        return bool(self.right.mean() >= LEAST_RIGHT)
+
+
+def fit_view(
+    data: PoseImageSet, learn: Indices, test: Indices, progress: ProgressBar = no_progress
+) -> FittedView | None:
+    """A keyframe of the images learned from, and how it reads the others; None if none fits.
+
+    Parameters
+    ----------
+    data : PoseImageSet
+    learn, test : ndarray
+        Images that are independent of each other.
+    progress : ProgressBar
+    """
+    if len(learn) < _LEAST_FITTED or len(test) < _LEAST_READ:
+        return None
+    fitted, read = evenly_spread(learn, MOST_FITTED), evenly_spread(test, MOST_READ)
+    with progress("keyframe", 1) as advance:
+        try:
+            ((keyframe, readings),) = in_processes(fit_and_read, [(data, fitted, read)], 1)
+        except InvalidInputError:
+            return None
+        advance(1)
+    right = read_right(np.abs(readings.errors) * mask_of(data.dofs), data.ranges())
+    return FittedView(keyframe, fitted, read, readings, right)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +130,7 @@ def examine_view(
     test: Indices,
     groups: Indices | None = None,
     *,
+    view: FittedView | None = None,
     seed: int = 0,
     n_jobs: int | None = -1,
     progress: ProgressBar = no_progress,
@@ -92,36 +144,29 @@ def examine_view(
         Images that are independent of each other.
     groups : ndarray of shape (n_images,), optional
         Images that belong together.
+    view : FittedView, optional
+        Of these images, where it is known.
     seed : int
         Of the rehearsed starts.
     n_jobs : int, optional
         Processes, as joblib counts them; every number of them gives the same.
     progress : ProgressBar
     """
-    if len(learn) < LEAST_IMAGES or len(test) < _LEAST_READ:
+    view = view or fit_view(data, learn, test, progress)
+    if view is None or not view.explains:
         return None
-    fitted, read = evenly_spread(learn, MOST_FITTED), evenly_spread(test, MOST_READ)
-    with progress("keyframe", 2) as advance:
-        try:
-            ((keyframe, readings),) = in_processes(fit_and_read, [(data, fitted, read)], 1)
-        except InvalidInputError:
-            return None
-        advance(1)
-        right = read_right(np.abs(readings.errors) * mask_of(data.dofs), data.ranges())
-        if right.mean() < LEAST_RIGHT:
-            return None
-        truth = data.delta_p()[read]
-        try:
-            model = KeyframeModel.of_readings(keyframe, data, data.subset(fitted), readings, truth)
-        except ServoscopeError:
-            return None
-        errors = readings.errors[right] * DISPLAY_FACTORS
-        of_group = None if groups is None else groups[read][right]
-        if of_group is not None and len(np.unique(of_group)) < 2:
-            of_group = None
-        interval = rms_interval(errors, of_group)
-        limit = keyframe.limit().std * DISPLAY_FACTORS
-        advance(2)
+    fitted = data.subset(view.fitted)
+    truth = data.delta_p()[view.read]
+    try:
+        model = KeyframeModel.of_readings(view.keyframe, data, fitted, view.readings, truth)
+    except ServoscopeError:
+        return None
+    errors = view.readings.errors[view.right] * DISPLAY_FACTORS
+    of_group = None if groups is None else groups[view.read][view.right]
+    if of_group is not None and len(np.unique(of_group)) < 2:
+        of_group = None
+    interval = rms_interval(errors, of_group)
+    limit = view.keyframe.limit().std * DISPLAY_FACTORS
     loop = _rehearsed(model, seed, n_jobs, progress)
     if loop["end_rms"] is not None:
         loop |= _end(model, data.source, seed)
@@ -132,8 +177,8 @@ def examine_view(
         {DOFS[i]: float(limit[i]) for i in indices},
         {DOFS[i]: float(rms[i]) for i in indices},
         {DOFS[i]: (float(interval[0, i]), float(interval[1, i])) for i in indices},
-        float(right.mean()),
-        len(read),
+        float(view.right.mean()),
+        len(view.read),
         loop,
     )
 

@@ -36,7 +36,8 @@ def assess(
 ) -> None:
     """Say what each degree of freedom will reach, what limits it and what would help.
 
-    Works on a data set folder, such as one made by acquire or by import, of 60 images or more.
+    Works on a data set folder, such as one made by acquire or by import, of 60 images or more. From
+    20 on, images rendered by a keyframe join them, if one explains the view.
     The features and regressors that are chosen are trained and saved in the run's
     models/pipeline.
 
@@ -51,8 +52,8 @@ def assess(
         regressor: What is trained on the chosen features: gaussian_process, kernel_ridge,
             levenberg_marquardt (the paper's nets), bayesian_lm, lbfgs, or one of an installed
             package.
-        study: Make the paper's study of these images as well, of 144 or more, and compare
-            regressors.
+        study: Make the paper's study of these images as well, of 144 or more or with those
+            rendered, and compare regressors.
         seed: Seed of the split and the nets.
     """
     import warnings

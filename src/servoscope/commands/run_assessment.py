@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,9 @@ from rich.text import Text
 from servoscope.assessment import as_json, assess
 from servoscope.commands.output import console
 from servoscope.commands.progress import progress_bar
+from servoscope.data.folder import writing
 from servoscope.data.images import PoseImageSet
+from servoscope.data.splits import Split
 from servoscope.errors import InvalidInputError, ServoscopeWarning
 from servoscope.files import write_json
 from servoscope.pipeline import PosePipeline
@@ -53,12 +56,26 @@ def run_assessment(
             progress=progress_bar,
         )
         if found.pipeline is not None:
-            _save(found.pipeline, models, data, found.independence.labels)
+            _save(found.pipeline, models, data, found.independence.labels[: len(data)])
+        if found.sample.n_rendered:
+            with writing(run.path / "dataset", replace=True) as place:
+                found.data.save(place)
         write_json(path, as_json(found, tolerances, label_errors))
 
     inputs = {"data": fingerprint(data), "settings": run.settings}
     run.run_stage("decision", inputs, make, [path.name])
     return read_json(path)
+
+
+def study_sample(
+    run: RunFolder, data: PoseImageSet, assessment: Mapping[str, Any] | None
+) -> tuple[PoseImageSet, Split | None]:
+    """The images of a study: those of the assessment, and its split, where some are rendered."""
+    images = {} if assessment is None else assessment["images"]
+    if not images.get("n_rendered"):
+        return data, None
+    parts = (np.array(images["split"][f.name], dtype=np.intp) for f in fields(Split))
+    return PoseImageSet.load(run.path / "dataset"), Split(*parts)
 
 
 def _save(

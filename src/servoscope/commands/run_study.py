@@ -10,7 +10,7 @@ from rich.table import Table
 
 from servoscope.commands.output import console, print_json
 from servoscope.commands.progress import progress_bar
-from servoscope.commands.run_assessment import print_assessment
+from servoscope.commands.run_assessment import print_assessment, study_sample
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import InvalidInputError
 from servoscope.files import write_json
@@ -18,7 +18,7 @@ from servoscope.poses import DISPLAY_UNITS, DOFS
 from servoscope.report import write_report
 from servoscope.report.agreement import compare_order_of_families
 from servoscope.report.averages import mean_rms, moving_dofs
-from servoscope.study import Study, StudyConfig, check_data
+from servoscope.study import Study, StudyConfig
 from servoscope.study.criteria import compare_criteria
 from servoscope.study.paper import FAMILIES, FAMILY_TITLES
 from servoscope.study.run import describe_run
@@ -42,8 +42,8 @@ def finish_run(
     try:
         if not study:
             raise InvalidInputError("It is made with --study.")
-        check_data(data, config)
-        whole = Study(run, data, config, n_jobs=n_jobs, progress=progress_bar)
+        data, split = study_sample(run, data, assessment)
+        whole = Study(run, data, config, split=split, n_jobs=n_jobs, progress=progress_bar)
         whole.run()
         summary = read_json(path)
         if assessment is not None:

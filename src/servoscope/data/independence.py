@@ -28,6 +28,9 @@ LEAST_IMAGES = 60
 
 LEAST_LEARNED = 40
 
+LEAST_WITH_RENDERED = 20
+"""Of fewer images there are too few even if images rendered by a keyframe join them."""
+
 FARTHEST_APART = 0.1
 """Groups of dependent images differ by more than this share of the range in some dof, if most
 images can be kept that far apart."""
@@ -166,7 +169,11 @@ def split_groups(data: PoseImageSet, groups: IndependentGroups, seed: int) -> Sp
     InvalidInputError
         If there are fewer than `LEAST_IMAGES` images, or too few are left to learn from.
     """
-    check_enough_images(data)
+    if len(data) < LEAST_IMAGES:
+        raise InvalidInputError(
+            f"An assessment needs at least {LEAST_IMAGES} images to learn from and to test on, "
+            f"got {len(data)}; take more."
+        )
     split = split_data(data, "honest", seed, groups.labels)
     if len(split.learned) < LEAST_LEARNED:
         raise InvalidInputError(
@@ -178,11 +185,11 @@ def split_groups(data: PoseImageSet, groups: IndependentGroups, seed: int) -> Sp
 
 
 def check_enough_images(data: PoseImageSet) -> None:
-    """Raise InvalidInputError if a data set has fewer than `LEAST_IMAGES` images."""
-    if len(data) < LEAST_IMAGES:
+    """Raise InvalidInputError if a data set has fewer than `LEAST_WITH_RENDERED` images."""
+    if len(data) < LEAST_WITH_RENDERED:
         raise InvalidInputError(
-            f"An assessment needs at least {LEAST_IMAGES} images to learn from and to test on, "
-            f"got {len(data)}; take more."
+            f"An assessment needs at least {LEAST_WITH_RENDERED} images, and {LEAST_IMAGES} where "
+            f"no keyframe explains the view, got {len(data)}; take more."
         )
 
 

@@ -145,10 +145,13 @@ class TrueView:
     misreading : ndarray of shape (6,)
         How far off the displacement is that images are rendered at, per radian that the view is
         shifted, about the pivot, [m] and [rad].
+    backdrop : Backdrop, optional
+        What is seen beside the keyframe; one of its own by default.
     """
 
     keyframe: Keyframe
     misreading: Array
+    backdrop: Backdrop | None = None
 
     @classmethod
     def draw(cls, keyframe: Keyframe, errors: OwnErrors, rng: np.random.Generator) -> TrueView:
@@ -164,7 +167,9 @@ class TrueView:
 
     @cached_property
     def _backdrop(self) -> Backdrop:
-        return Backdrop(self.keyframe, min(WIDEST, self.keyframe.reference_image.shape[1]))
+        return self.backdrop or Backdrop(
+            self.keyframe, min(WIDEST, self.keyframe.reference_image.shape[1])
+        )
 
     def image(self, displacement: Array) -> NDArray[np.uint8]:
         """What is seen at a displacement (4, 4), [m], without noise, (height, width).

@@ -46,6 +46,9 @@ class Study:
     folder : RunFolder
     data : PoseImageSet
     config : StudyConfig
+    split : Split, optional
+        Images that train, decide and test; drawn at random by default, independent groups as a
+        whole.
     n_jobs : int
         Processes that train nets, as joblib counts them; all cores by default.
     progress : ProgressBar
@@ -62,11 +65,13 @@ class Study:
         data: PoseImageSet,
         config: StudyConfig,
         *,
+        split: Split | None = None,
         n_jobs: int = -1,
         progress: ProgressBar = no_progress,
     ) -> None:
-        check_data(data, config)
-        self.folder, self.data, self.config = folder, data, config
+        if split is None:
+            check_data(data, config)
+        self.folder, self.data, self.config, self.given = folder, data, config, split
         self.n_jobs, self.progress = n_jobs, progress
         self.units: list[Unit] = [(p, d) for p in config.protocols for d in DISPLACEMENTS]
 
@@ -91,11 +96,15 @@ class Study:
         return {
             "data": fingerprint(self.data),
             "config": asdict(self.config),
+            **({} if self.given is None else {"test": self.given.test.tolist()}),
             "servoscope": __version__,
         }
 
     def split(self, protocol: str) -> Split:
         """The images that train, decide and test."""
+        if self.given is not None:
+            test = self.given.test
+            return self.given if protocol == "honest" else Split(self.given.learned, test, test)
         return split_data(self.data, protocol, self.config.seed)
 
     def targets(self, displacement: str) -> NDArray[np.float64]:
