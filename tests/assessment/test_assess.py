@@ -198,7 +198,7 @@ def test_a_sequence_is_tested_on_whole_blocks_and_says_what_a_random_split_promi
         for line in row["advice"]
         if "taken for independent they promise" in line
     ]
-    assert len(promises) >= 3
+    assert promises
 
 
 def test_too_few_images_are_refused_in_one_line():

@@ -101,6 +101,8 @@ def conclude(dofs: Mapping[str, Mapping[str, Any]], loop: Mapping[str, Any] | No
     asked = {dof: row for dof, row in dofs.items() if row["tolerance"] is not None}
     if not moving:
         return "Nothing can be learned from these images: nothing moves."
+    if loop is None and all(row["observable"] == "not" for row in moving.values()):
+        return "Nothing can be learned from these images."
     if asked:
         return _on_tolerances(asked, loop)
     if loop is None:
