@@ -20,7 +20,7 @@ from servoscope.positioning.calibration import Calibration
 from servoscope.positioning.decision import compare_methods
 from servoscope.positioning.disturbances import Disturbances
 from servoscope.positioning.keyframe_model import KeyframeModel, error_shares, read_test_images
-from servoscope.positioning.ladder import HeldOut, has_images_for_levels, learn_levels
+from servoscope.positioning.ladder import HeldOut, has_images_for_levels, learn_levels, plan_rungs
 from servoscope.positioning.model import PositioningModel
 from servoscope.positioning.pose_networks import PoseNetworks
 from servoscope.processes import one_blas_thread
@@ -256,6 +256,7 @@ def _levels(
     reach, delta_p = data.ranges(), data.delta_p()
     p = delta_p / reach
     rng = np.random.default_rng([seed, len(data)])
+    plan_rungs(p)  # or say that there are too few images, before they are put into groups
     if groups is None:
         independence = independent_groups(data, _N_GROUPS)
         groups = None if independence.kind == "independent" else independence.labels
