@@ -196,8 +196,8 @@ def test_a_sequence_is_tested_on_whole_blocks_and_says_what_a_random_split_promi
 
 
 def test_too_few_images_are_refused_in_one_line():
-    with pytest.raises(InvalidInputError, match="at least 60 images"):
-        assess(planar_data_set(30, 16))
+    with pytest.raises(InvalidInputError, match="at least 20 images, and 60 where no keyframe"):
+        assess(planar_data_set(19, 16))
 
 
 def test_unknown_families_are_refused():
