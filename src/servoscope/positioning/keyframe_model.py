@@ -54,8 +54,8 @@ MOST_FITTED, MOST_READ = 40, 40
 """Images of a split that a keyframe is fitted to, and that it reads, at most."""
 
 _MOST_IMAGES = 90
-_FARTHEST = 2.0
-"""Shares of the reach beyond which nothing is read."""
+_FARTHEST = np.repeat([2.0, 1.5], 3)
+"""Shares of the reach beyond which nothing is read, by dof; a part that is turned is another."""
 
 _MOST_OPTIMISTIC = 5.0
 _N_GROUPS = 3
