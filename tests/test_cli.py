@@ -385,9 +385,9 @@ def test_import_only_reads_its_source(tmp_path, capsys):
 
 
 def test_too_few_images_are_refused_before_a_run_is_made(tmp_path, capsys):
-    planar_data_set(59, 24).save(tmp_path / "data")
+    planar_data_set(19, 24).save(tmp_path / "data")
     assert main(["assess", str(tmp_path / "data"), "--out", str(tmp_path / "run")]) == 1
-    assert "at least 60 images" in capsys.readouterr().err
+    assert "at least 20 images" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
 
 

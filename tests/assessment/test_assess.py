@@ -88,7 +88,7 @@ def test_of_images_that_do_not_change_nothing_can_be_learned(plane, grey):
 def test_noise_tells_nothing(plane):
     noise = np.random.default_rng(0).integers(0, 256, plane.images.shape).astype(np.uint8)
     found = decide(replace(plane, images=noise), families=["moments", "log_polar"])
-    assert {row["limited_by"] for row in found["dofs"].values()} == {"nothing tells it"}
+    assert {row["limited_by"] for row in found["dofs"].values()} == {"no feature predicts it"}
     assert found["conclusion"] == "Nothing can be learned from these images."
 
 

@@ -266,7 +266,7 @@ def _find(
         else curve.images_for(on_curve * tolerance / scale)[0],
         without_border=None if narrower is None else level * narrower * scale,
         inner=_scaled(inner_rms(forecast.residuals[:, 0], found.learned_targets[:, i]), scale),
-        period_px=_period_of_errors(found, dof, scale),
+        period_px=_period_of_errors(found, dof, scale, observable),
         at_random=None if found.at_random is None else level * found.at_random[dof] * scale,
         disturbed={
             TITLES[disturbance]: errors[dof] * scale
@@ -279,10 +279,17 @@ def _find(
     )
 
 
-def _period_of_errors(found: Assessment, dof: str, scale: float) -> float | None:
-    """The period of the view in pixels, if the large errors of a translation cluster at it."""
+def _period_of_errors(found: Assessment, dof: str, scale: float, observable: str) -> float | None:
+    """The period of the view in pixels, if the large errors of a translation cluster at it.
+
+    Where no keyframe says how many mm that is, it is blamed for what is hardly observable.
+    """
     shift = found.images.repetition.shift
-    if not found.images.repetition.repeats or found.view is None or dof not in ("tx", "ty"):
+    if not found.images.repetition.repeats:
+        return None
+    if found.view is None:
+        return float(np.hypot(*shift)) if observable in ("hardly", "not") else None
+    if dof not in ("tx", "ty"):
         return None
     keyframe = found.view.model.keyframe
     focal = keyframe.camera.f * keyframe.reference_image.shape[1]
