@@ -161,7 +161,7 @@ def test_nothing_is_said_where_nothing_would_help():
         ({"inner": 0.4}, "within half the range it is 0.4 mm"),
         ({"rms": 113.4, "loop": 0.0123}, "the loop ends at 0.012 mm"),
         ({"reached": 113.4, "keyframe": 50.0}, "50 mm from one image"),
-        ({"period_px": 50.0}, "the view repeats, every 50 px"),
+        ({"period_px": 50.0}, "the view repeats every 50 px"),
         ({"tolerance": 1.0, "reached": 1.5}, "the 1.5 mm of the test images do not"),
         ({"disturbed": {"gain 0.8": 1.9, "another light": 30.0}}, "another light makes it 30 mm"),
         ({"at_random": 0.1}, "taken for independent they promise 0.1 mm"),
@@ -211,4 +211,4 @@ def test_two_stages_are_advised_only_where_the_first_brings_it_near():
 
 def test_a_repeating_pattern_comes_before_all_other_advice():
     found = replace(FOUND, observable="not", rms=9.5, period_px=50.0)
-    assert advise(found)[0].startswith("errors cluster where the view repeats, every 50 px")
+    assert advise(found)[0].startswith("the view repeats every 50 px")

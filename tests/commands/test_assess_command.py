@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planar import planar_data_set
+from planar import planar_data_set, planar_images
 from servoscope.cli import main
 from servoscope.data.images import PoseImageSet
-from servoscope.errors import ServoscopeWarning
 from servoscope.pipeline import PosePipeline
-from servoscope.poses import DISPLAY_FACTORS, DOFS
+from servoscope.poses import DISPLAY_FACTORS, DOFS, poses_from_displacements
 from servoscope.study.run import fingerprint
 
 KEYS = {"forecast_rms", "interval", "reached_rms", "unit", "limited_by", "best_features", "advice"}
@@ -140,11 +139,15 @@ def test_what_cannot_be_read_is_said_in_one_line(tmp_path, capsys, options, said
 
 @pytest.mark.slow
 def test_the_study_of_what_turns_out_a_sequence_is_not_split_at_random(tmp_path, capsys):
-    data = planar_data_set(80, 16)
-    in_order = np.argsort(data.delta_p()[:, 0])
-    poses = np.repeat(data.T_world_cam[in_order][::5], 5, axis=0)
-    with pytest.warns(ServoscopeWarning, match="from equal poses"):
-        code, run = assess(replace(data, T_world_cam=poses), tmp_path)
+    data = planar_data_set(160, 16)
+    turns = np.linspace(0, 2 * np.pi, 160)[:, None] * [1, 2, 3, 2, 1, 3] + np.arange(6)
+    delta_p = 0.9 * data.ranges() * np.sin(turns)
+    path = replace(
+        data,
+        images=planar_images(delta_p, 16, seed=0),
+        T_world_cam=poses_from_displacements(data.T_world_ref, delta_p, data.pivot),
+    )
+    code, run = assess(path, tmp_path)
     assert code == 0
     assert json.loads((run / "summary.json").read_text())["dataset"]["split"] == "blocks"
 

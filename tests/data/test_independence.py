@@ -314,3 +314,13 @@ def test_a_dense_sequence_is_kept_apart_as_far_as_it_allows():
 def test_images_of_too_few_places_cannot_be_held_out():
     with pytest.raises(InvalidInputError, match="at least 3 different places"):
         independent_groups(data_at(np.ones((9, 1)) * RANGES), 3)
+
+
+def test_shots_that_follow_each_other_from_one_pose_are_one_place_each():
+    delta_p = np.repeat(np.random.default_rng(0).uniform(-1, 1, (16, 6)), 5, axis=0) * RANGES
+    jitter = np.random.default_rng(1).normal(size=delta_p.shape) * 1e-5 * RANGES
+    images = np.zeros((80, 4, 4), np.uint8)
+    poses = poses_from_displacements(np.eye(4), delta_p + jitter, PIVOT)
+    found = independent_groups(PoseImageSet(images, poses, np.eye(4), images[0], pivot=PIVOT))
+    assert found.kind == "independent"
+    np.testing.assert_array_equal(np.unique(found.labels, return_counts=True)[1], [5] * 16)

@@ -131,8 +131,8 @@ def _obstacles(found: Findings) -> Iterator[str]:
     """What has to go before anything else can help."""
     if found.period_px is not None:
         yield (
-            f"errors cluster where the view repeats, every {found.period_px:.0f} px: start closer "
-            "than half of that, or bring something into view that stands there once"
+            f"the view repeats every {found.period_px:.0f} px: start closer than half of that, or "
+            "bring something into view that stands there once"
         )
     elif found.observable == "not" and found.keyframe is None:
         yield (

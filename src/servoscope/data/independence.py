@@ -72,6 +72,10 @@ class IndependentGroups:
     ratio: float
 
 
+_STANDS_STILL = 1e-3
+"""A camera that moves by less, in units of its spread, takes another shot of the same pose."""
+
+
 def independent_groups(data: PoseImageSet, n_groups: int | None = None) -> IndependentGroups:
     """Groups of images such that no image shows what an image of another group shows.
 
@@ -104,7 +108,8 @@ def independent_groups(data: PoseImageSet, n_groups: int | None = None) -> Indep
     of two images drawn at random (von Neumann): 1 for independent poses. Images in no order, but
     taken at few places or of a sequence that was shuffled, are found by the distance of each pose
     to its nearest neighbour, over the same after every coordinate was permuted by itself, or was
-    drawn evenly where there is but one. Coordinates are those of the displacements along their
+    drawn evenly where there is but one. Shots that follow each other from one pose count as one.
+    Coordinates are those of the displacements along their
     principal axes, in units of their spread; what hardly moves does not count.
 
     Examples
@@ -119,6 +124,8 @@ def independent_groups(data: PoseImageSet, n_groups: int | None = None) -> Indep
     times = np.arange(len(data)) if data.times is None else data.times
     order = np.argsort(times, kind="stable")
     steps = np.diff(poses[order], axis=0)
+    moved = np.linalg.norm(steps, axis=1) > _STANDS_STILL
+    steps, moving = steps[moved], poses[order][np.append(True, moved)]
     kind, ratio = "independent", float(np.mean(steps**2) / 2) if steps.size else 1.0
     if data.split == "blocks" or ratio < STEP_RATIO:
         kind = "sequence"
@@ -126,7 +133,7 @@ def independent_groups(data: PoseImageSet, n_groups: int | None = None) -> Indep
         blocks[order] = np.arange(len(data)) * min(N_GROUPS, len(data)) // len(data)
         labels, distance = _kept_apart(data, order, blocks)
     else:
-        nearest, expected = _nearest_neighbours(poses)
+        nearest, expected = _nearest_neighbours(moving)
         if nearest < NEIGHBOUR_RATIO * expected:
             kind, ratio = "revisited", nearest / expected
             most = min(N_GROUPS, max(len(data) // 2, 1))
