@@ -38,6 +38,7 @@ STARTS = 8
 """Starts of the rehearsed loop."""
 
 _LOOKS = 16
+_NO_END = dict.fromkeys(("end_mm", "end_deg", "end_rms"))
 _LEAST_FITTED, _LEAST_READ = 10, 5
 
 
@@ -168,8 +169,7 @@ def examine_view(
     interval = rms_interval(errors, of_group)
     limit = view.keyframe.limit().std * DISPLAY_FACTORS
     loop = _rehearsed(model, seed, n_jobs, progress)
-    if loop["end_rms"] is not None:
-        loop |= _end(model, data.source, seed)
+    loop |= _end(model, data.source, seed) if loop["success"] else _NO_END
     indices = [DOFS.index(dof) for dof in data.dofs]
     rms = np.sqrt(np.mean(errors**2, axis=0))
     return ViewFindings(
@@ -186,7 +186,7 @@ def examine_view(
 def _rehearsed(
     model: KeyframeModel, seed: int, n_jobs: int | None, progress: ProgressBar
 ) -> dict[str, Any]:
-    """How the loop would end, on images rendered of the keyframe."""
+    """Whether the loop would arrive, on images rendered of the keyframe."""
     found = Rehearsal(model, STARTS, seed).run(
         "range_1.0", n_jobs=-1 if n_jobs is None else n_jobs, progress=progress
     )
@@ -195,9 +195,6 @@ def _rehearsed(
         "success_interval": found["success_interval"],
         "moves": found["moves_median"],
         "starts": found["trials"],
-        "end_mm": None,
-        "end_deg": None,
-        "end_rms": found["end_rms"],
     }
 
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 from scipy.stats import binomtest
 
-from servoscope.poses import DISPLAY_FACTORS, DOFS
 from servoscope.scoreboard.summary import summarise
 from servoscope.scoreboard.trial import SUCCESS_DEG, SUCCESS_MM, Trial
 
@@ -36,8 +34,6 @@ LEGEND = (
 def summarise_rehearsal(trials: Sequence[Trial]) -> dict[str, Any]:
     """The numbers of one condition, as plain JSON values.
 
-    ``end_rms`` is what is left of each dof about the pivot where starts arrived, [mm] and [deg].
-
     Parameters
     ----------
     trials : sequence of Trial
@@ -47,12 +43,8 @@ def summarise_rehearsal(trials: Sequence[Trial]) -> dict[str, Any]:
     del numbers["decision_ms_median"]  # another one at every run
     found = binomtest(numbers["success"], numbers["trials"]).proportion_ci(method="wilson")
     wrong = sum(trial.status == "converged" and not trial.succeeded for trial in trials)
-    arrived = [trial.truth for trial in trials if trial.succeeded]
-    ends = np.array(arrived, dtype=float).reshape(-1, len(DOFS)) * DISPLAY_FACTORS
-    end_rms = np.sqrt(np.mean(ends**2, axis=0)).tolist() if arrived else None
     return {
         **numbers,
-        "end_rms": None if end_rms is None else dict(zip(DOFS, end_rms, strict=True)),
         "success_interval": [round(float(found.low), 4), round(float(found.high), 4)],
         "wrongly_converged": wrong,
     }
