@@ -27,9 +27,9 @@ from servoscope import AcquisitionConfig, PoseImageSet, TumOptions, acquire, rea
 from servoscope.data.independence import (
     LEAST_IMAGES,
     independent_groups,
-    moves_enough,
     split_groups,
 )
+from servoscope.dofs import mask_of
 from servoscope.errors import InvalidInputError
 from servoscope.pipeline import (
     Candidate,
@@ -158,7 +158,7 @@ def measure(data: PoseImageSet, seed: int) -> list[Outcome]:
         return []
     learned, tested = (independence.labels[part] for part in (split.learned, split.test))
     groups = None if len(np.unique(learned)) == len(learned) else independence.labels
-    targets = np.where(moves_enough(data), data.delta_p() / data.ranges(), 0.0)
+    targets = np.where(mask_of(data.dofs), data.delta_p() / data.ranges(), 0.0)
     moving = [dof for i, dof in enumerate(DOFS) if np.ptp(targets[split.learned, i]) > 0]
     table = FeatureTable.fit(
         data.images, targets, FAMILIES, split.learned, groups=groups, n_folds=3, n_jobs=1

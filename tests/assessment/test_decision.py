@@ -125,7 +125,6 @@ FOUND = Findings(
     tolerance=None,
     n_images=750,
     observable="well",
-    family="cosine coefficients",
     at_twice=1.0,
     at_five_times=1.0,
     images_for_tolerance=None,

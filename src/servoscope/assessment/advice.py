@@ -35,8 +35,6 @@ class Findings:
         Learned from.
     observable : str
         How well, see `grade`.
-    family : str
-        Title of the features that predict it best.
     at_twice, at_five_times : float
         Forecasts with more images.
     images_for_tolerance : int or None
@@ -64,7 +62,6 @@ class Findings:
     tolerance: float | None
     n_images: int
     observable: str
-    family: str
     at_twice: float
     at_five_times: float
     images_for_tolerance: int | None

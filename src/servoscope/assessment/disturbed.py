@@ -79,8 +79,8 @@ def disturb(
     clean, noisy, *disturbed = found
     changes = {dof: _rms(noisy[dof] - clean[dof]) for dof in pipeline.dofs}
     errors = {
-        name: {dof: _rms(told[dof] - targets[:, DOFS.index(dof)]) for dof in pipeline.dofs}
-        for name, told in zip(("clean", *SINGLE_DISTURBANCES), (clean, *disturbed), strict=True)
+        name: {dof: _rms(one[dof] - targets[:, DOFS.index(dof)]) for dof in pipeline.dofs}
+        for name, one in zip(("clean", *SINGLE_DISTURBANCES), (clean, *disturbed), strict=True)
     }
     return changes, errors
 

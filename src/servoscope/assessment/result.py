@@ -258,7 +258,6 @@ def _find(
         tolerance=tolerance,
         n_images=int(curve.n_images[-1]),
         observable=observable,
-        family=title_of(name),
         at_twice=images[2] * scale,
         at_five_times=images[5] * scale,
         images_for_tolerance=None

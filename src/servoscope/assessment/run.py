@@ -17,8 +17,8 @@ from servoscope.assessment.rendered import Sample, sample_images
 from servoscope.assessment.view import ViewFindings, examine_view
 from servoscope.assessment.what_if import crop_centre
 from servoscope.data.images import PoseImageSet
-from servoscope.data.independence import moves_enough
 from servoscope.data.splits import Split
+from servoscope.dofs import mask_of
 from servoscope.errors import InvalidInputError
 from servoscope.features.catalogue import default_families, resolve_families
 from servoscope.pipeline import (
@@ -130,7 +130,7 @@ class _Course:
     @cached_property
     def targets(self) -> Array:
         """Displacements in units of the range; exactly 0 for a dof that never moves."""
-        moves = moves_enough(self.data)
+        moves = mask_of(self.data.dofs)
         return np.where(moves, self.data.delta_p() / self.data.ranges(), 0.0)
 
     @cached_property

@@ -23,8 +23,9 @@ from servoscope.data.image_motion import (
     shrink_all,
 )
 from servoscope.data.images import PoseImageSet
-from servoscope.data.independence import IndependentGroups, independent_groups, moves_enough
+from servoscope.data.independence import IndependentGroups, independent_groups
 from servoscope.data.pixel_noise import estimate_pixel_noise
+from servoscope.dofs import mask_of
 from servoscope.kernels.repeats import find_repeats
 from servoscope.poses import DOFS, inverse_transform, pose_error
 
@@ -259,7 +260,7 @@ class _View:
 
     @cached_property
     def moving(self) -> NDArray[np.bool_]:
-        return moves_enough(self.data)
+        return mask_of(self.data.dofs)
 
     @cached_property
     def p(self) -> Array:

@@ -206,11 +206,6 @@ def mark_sequence(data: PoseImageSet) -> PoseImageSet:
     return replace(data, split="blocks") if is_sequence else data
 
 
-def moves_enough(data: PoseImageSet) -> NDArray[np.bool_]:
-    """Whether each dof moves by more than the noise of encoders, shape (6,)."""
-    return mask_of(data.dofs)
-
-
 def _in_metres(data: PoseImageSet) -> Array:
     """Displacements, rotations by how far they carry the camera about the pivot."""
     return data.delta_p() * _lever(data)
@@ -225,7 +220,7 @@ def _in_ranges(data: PoseImageSet) -> tuple[Array, float]:
 
     Dofs of small range, as of noise, count less.
     """
-    sizes = np.where(moves_enough(data), data.ranges() * _lever(data), 0.0)
+    sizes = np.where(mask_of(data.dofs), data.ranges() * _lever(data), 0.0)
     p = _in_metres(data) / np.maximum(sizes, max(_LEAST_SCALE * sizes.max(), 1e-9))
     return p, min(float(np.ptp(p, axis=0).max()), 1.0)
 
@@ -303,7 +298,7 @@ def _dealt(labels: Indices, n_groups: int) -> Indices:
 
 def _whitened(data: PoseImageSet) -> Array:
     """Displacements along their principal axes, each in units of its own spread."""
-    poses = _in_metres(data)[:, moves_enough(data)]
+    poses = _in_metres(data)[:, mask_of(data.dofs)]
     if not poses.size:
         return poses
     poses = (poses - poses.mean(axis=0)) / poses.std(axis=0)

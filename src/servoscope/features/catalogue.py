@@ -40,7 +40,7 @@ class Family:
     is_learned : bool
         Whether the features are fitted to images, so that those images flatter them.
     is_default : bool
-        Whether an assessment computes it unless it is told which families to compute.
+        Whether an assessment computes it unless families are named.
     """
 
     title: str

@@ -358,7 +358,7 @@ class KeyframeModel:
 
 
 def keyframe_options(data: PoseImageSet, calibration: Calibration | None = None) -> dict[str, Any]:
-    """What `Keyframe.fit` is told of a data set beside its images."""
+    """The options of `Keyframe.fit` for a data set."""
     options = (calibration or Calibration()).options(is_sequence=data.split == "blocks")
     options["pivot"] = data.pivot
     options["dofs"] = check_dofs({*data.dofs, *moving_dofs(data.delta_p(), data.pivot)})
