@@ -1,7 +1,11 @@
 """What several tests need."""
 
+import os
 import signal
 from pathlib import Path
+
+# Tests run side by side: with more threads of BLAS than that each waits for the others.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import hypothesis
 import numpy as np
@@ -12,8 +16,9 @@ from servoscope.data.images import PoseImageSet
 
 SHARED = Path(__file__).parents[2] / "shared"
 
-# The first call of a numba kernel compiles it, and other machines are slower: no deadline.
-hypothesis.settings.register_profile("servoscope", deadline=None)
+# The first call of a numba kernel compiles it, and other machines are slower: no deadline. A few
+# examples of each property show a fault as well as a hundred do, and the suite has hundreds.
+hypothesis.settings.register_profile("servoscope", deadline=None, max_examples=25)
 hypothesis.settings.load_profile("servoscope")
 
 # What runs in the background is often started deaf to Ctrl-C, and so is all that it starts.

@@ -8,9 +8,8 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from servoscope.errors import InvalidInputError
 from servoscope.kernels import GaussianKernel, leave_out_residuals
+from servoscope.kernels.gaussian import KernelPosterior
 from servoscope.regression import GaussianKernelRidge, GaussianProcess
-from servoscope.regression.kernel_posterior import KernelPosterior
-from servoscope.regression.samples import Samples
 
 
 @pytest.fixture(params=[GaussianProcess, GaussianKernelRidge])
@@ -34,11 +33,11 @@ def _product(n=150, seed=0, noise=0.05, n_idle=1):
 def posterior():
     X, y = _product(40)
     kernel = GaussianKernel(X.mean(axis=0), np.array([1.0, 2.0, np.inf]), 1.5, 0.1, offset=0.3)
-    return KernelPosterior(kernel, Samples(X, y))
+    return KernelPosterior(kernel, X, y)
 
 
 def test_mean_and_deviation_equal_those_of_scikit_learn(posterior):
-    X, y = posterior.samples
+    X, y = posterior.X, posterior.y
     X_new, _ = _product(20, seed=1)
     kernel = ConstantKernel(1.5**2) * RBF([1.0, 2.0, 1e9])
     other = GaussianProcessRegressor(kernel, alpha=0.1**2 + 1e-9 * 1.5**2, optimizer=None)
@@ -154,7 +153,7 @@ def test_validation_errors_set_the_deviation_and_no_prediction(estimator):
 def test_samples_beyond_the_limit_are_left_out(estimator):
     X, y = _product(80)
     estimator.set_params(max_samples=50).fit(X, y)
-    assert estimator.posterior_.samples.X.shape == (50, 3)
+    assert estimator.posterior_.X.shape == (50, 3)
     with pytest.raises(InvalidInputError, match="max_samples must be at least 1, got 0"):
         estimator.set_params(max_samples=0).fit(X, y)
 

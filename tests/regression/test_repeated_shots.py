@@ -97,15 +97,15 @@ def test_all_dofs_together_say_what_a_pose_is():
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, 15), np.linspace(-1, 1, 15)), -1).reshape(-1, 2)
     X = grid[:, :1] + 0.05 * grid[:, 1:] * [1, -1]
     model = PoseRegressor(regressor="kernel_ridge", dofs=("tx", "ty")).fit(X, grid)
-    assert len(model.regressors_["tx"].posterior_.samples.y) == 225
+    assert len(model.regressors_["tx"].posterior_.y) == 225
     model.fit(np.repeat(X, 3, axis=0), np.repeat(grid, 3, axis=0))
-    assert len(model.regressors_["tx"].posterior_.samples.y) == 225
+    assert len(model.regressors_["tx"].posterior_.y) == 225
 
 
 def test_poses_may_be_named():
     X, y, _ = shots(3, 0.3, 0.3)
     poses = np.repeat(np.arange(50), 3)
     fitted = make("kernel_ridge").fit(X, y, poses=poses)
-    np.testing.assert_allclose(fitted.posterior_.samples.y, y.reshape(50, 3).mean(axis=1))
+    np.testing.assert_allclose(fitted.posterior_.y, y.reshape(50, 3).mean(axis=1))
     with pytest.raises(ValueError, match="poses must be 150 values, one for each sample"):
         fitted.fit(X, y, poses=poses[1:])

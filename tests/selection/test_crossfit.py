@@ -3,7 +3,7 @@ import pytest
 from sklearn.cross_decomposition import PLSRegression
 
 from servoscope.errors import InvalidInputError
-from servoscope.kernels import fit_kernel
+from servoscope.kernels import KernelPosterior, fit_kernel
 from servoscope.selection.crossfit import (
     Fold,
     crossfit_forecast,
@@ -11,7 +11,6 @@ from servoscope.selection.crossfit import (
     refit_features,
 )
 from servoscope.selection.forecast import forecast_errors
-from servoscope.selection.kernel_prediction import predict_samples
 
 
 class Pixels:
@@ -79,8 +78,8 @@ def test_what_is_hoped_from_the_images_left_out_lowers_the_error_by_a_fifth_at_m
     for fold in refit_features(Pixels(), X, y, n_folds=2):
         used = np.delete(np.arange(80), fold.left_out)
         kernel = fit_kernel(X[used], y[used], max_iter=25)
-        errors[fold.left_out] = y[fold.left_out] - predict_samples(
-            kernel, X[used], y[used], X[fold.left_out]
+        errors[fold.left_out] = y[fold.left_out] - KernelPosterior(kernel, X[used], y[used]).mean(
+            X[fold.left_out]
         )
     gain = crossfit_forecast(Pixels(), X, y, n_folds=2).rms[0] / np.sqrt(np.mean(errors**2))
     assert 0.799 < gain < 0.95

@@ -1,12 +1,18 @@
-"""Gaussian kernels: what a smooth function of the features can tell, in closed form."""
+"""Gaussian processes of smooth functions of the features, in closed form."""
 
-from servoscope.kernels.gaussian import GaussianKernel, inverse_covariance
-from servoscope.kernels.leave_out import leave_out_residuals, shots_left_out
+from servoscope.kernels.gaussian import (
+    GaussianKernel,
+    KernelPosterior,
+    inverse_covariance,
+    leave_out_residuals,
+    shots_left_out,
+)
 from servoscope.kernels.marginal_likelihood import fit_kernel
 from servoscope.kernels.repeats import find_repeats, merge_repeats, whole_poses
 
 __all__ = [
     "GaussianKernel",
+    "KernelPosterior",
     "find_repeats",
     "fit_kernel",
     "inverse_covariance",

@@ -1,4 +1,4 @@
-"""The Gaussian kernel with a length scale for each feature."""
+"""Gaussian processes: the kernel, the posterior, and errors at samples left out."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from servoscope.errors import InvalidInputError
+from servoscope.processes import one_blas_thread
 
 Array = NDArray[np.float64]
 
@@ -18,7 +19,7 @@ JITTER = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class GaussianKernel:
-    """How much two samples tell of each other's target.
+    """Covariance of the targets of two samples.
 
     ``k(a, b) = signal^2 exp(-1/2 sum_d ((a_d - b_d) / length_scales_d)^2)``
 
@@ -28,7 +29,7 @@ class GaussianKernel:
         Taken from features before they are scaled, for the sake of precision alone.
     length_scales : ndarray of shape (n_features,)
         How far each feature has to go until the target is another, in the feature's own unit;
-        infinite for one that has no say.
+        infinite for one that the target does not depend on.
     signal : float
         Standard deviation of the target that the features explain, in the target's unit.
     noise : float
@@ -103,3 +104,169 @@ def invert(covariance: Array, variance: float) -> tuple[Array, float]:
     lower = np.tril(inverse)
     lower += np.tril(lower, -1).T
     return lower, half_log_determinant
+
+
+def leave_out_residuals(
+    kernel: GaussianKernel, X: Array, y: Array, groups: NDArray[np.intp] | None = None
+) -> Array:
+    """Target minus prediction at every sample, from all the samples of other groups.
+
+    Parameters
+    ----------
+    kernel : GaussianKernel
+    X : ndarray of shape (n, n_features)
+    y : ndarray of shape (n,)
+    groups : ndarray of shape (n,), optional
+        Which samples are left out together; by default each by itself.
+
+    Returns
+    -------
+    ndarray of shape (n,)
+        In the target's unit.
+
+    Notes
+    -----
+    With ``G`` the inverse of the covariance of all targets, the residuals at the samples ``B`` of
+    a group are ``G_BB^-1 (G y)_B``; for a single sample that is the well-known
+    ``(G y)_i / G_ii`` [1]_.
+
+    References
+    ----------
+    .. [1] C. Rasmussen and C. Williams, "Gaussian processes for machine learning", MIT Press,
+       2006, eq. 5.12.
+
+    Examples
+    --------
+    >>> X = np.linspace(0, 1, 30)[:, None]
+    >>> kernel = GaussianKernel(np.zeros(1), np.array([0.3]), signal=1.0, noise=1e-3)
+    >>> bool(np.abs(leave_out_residuals(kernel, X, np.sin(4 * X[:, 0]))).max() < 0.01)
+    True
+    """
+    inverse, _ = inverse_covariance(kernel, X)
+    return _residuals(inverse, inverse @ (y - kernel.offset), groups)
+
+
+def shots_left_out(
+    kernel: GaussianKernel,
+    X: Array,
+    y: Array,
+    groups: NDArray[np.intp] | None,
+    shots: tuple[Array, Array, NDArray[np.intp]],
+) -> Array:
+    """Target minus prediction at single shots, from the samples of other groups than their own.
+
+    Parameters
+    ----------
+    kernel : GaussianKernel
+    X, y : ndarrays of shape (n, n_features) and (n,)
+        Samples, such as the means of repeated shots.
+    groups : ndarray of shape (n,), optional
+        Which samples are left out together; by default each by itself.
+    shots : ndarrays of shape (n_shots, n_features), (n_shots,) and (n_shots,)
+        Features, targets, and which sample each is a shot of.
+
+    Returns
+    -------
+    ndarray of shape (n_shots,)
+        In the target's unit.
+
+    Notes
+    -----
+    With ``r`` the residuals of `leave_out_residuals`, leaving the samples ``B`` out changes the
+    prediction at x by ``- k(x, X) G[:, B] r_B``.
+    """
+    X_shots, y_shots, members = shots
+    inverse, _ = inverse_covariance(kernel, X)
+    weights = inverse @ (y - kernel.offset)
+    units = np.arange(len(y)) if groups is None else groups
+    covariances = kernel(X_shots, X)
+    own = units[members][:, None] == units
+    by_own = np.where(own, covariances @ inverse, 0.0) @ _residuals(inverse, weights, groups)
+    return np.asarray(y_shots - kernel.offset - covariances @ weights + by_own)
+
+
+def _residuals(inverse: Array, weights: Array, groups: NDArray[np.intp] | None) -> Array:
+    if groups is None:
+        return np.asarray(weights / np.diag(inverse))
+    residuals = np.empty_like(weights)
+    for group in np.unique(groups):
+        left_out = np.flatnonzero(groups == group)
+        block = inverse[np.ix_(left_out, left_out)]
+        residuals[left_out] = np.linalg.solve(block, weights[left_out])
+    return residuals
+
+
+@dataclass(frozen=True, eq=False)
+class KernelPosterior:
+    """A Gaussian process given samples of it.
+
+    Parameters
+    ----------
+    kernel : GaussianKernel
+    X : ndarray of shape (n, n_features)
+    y : ndarray of shape (n,)
+
+    Attributes
+    ----------
+    inverse : ndarray of shape (n, n)
+        Of the covariance of the targets.
+    weights : ndarray of shape (n,)
+        Of the covariances with the samples, which add up to the prediction.
+
+    Notes
+    -----
+    Eq. 2.25 and 2.26 of [1]_; the variance is that of a new target, noise included.
+
+    References
+    ----------
+    .. [1] C. Rasmussen and C. Williams, "Gaussian processes for machine learning", MIT Press,
+       2006.
+
+    Examples
+    --------
+    >>> kernel = GaussianKernel(np.zeros(1), np.ones(1), signal=1.0, noise=0.1)
+    >>> posterior = KernelPosterior(kernel, np.array([[0.0]]), np.array([1.0]))
+    >>> posterior.mean(np.array([[0.0], [9.0]])).round(3)
+    array([0.99, 0.  ])
+    >>> posterior.deviation(np.array([[0.0], [9.0]])).round(3)
+    array([0.141, 1.005])
+    """
+
+    kernel: GaussianKernel
+    X: Array = field(repr=False)
+    y: Array = field(repr=False)
+    inverse: Array = field(init=False, repr=False)
+    weights: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        n = len(self.y)
+        inverse = np.zeros((n, n))
+        with one_blas_thread():
+            if self.kernel.signal:
+                inverse, _ = inverse_covariance(self.kernel, self.X)
+            weights = inverse @ (self.y - self.kernel.offset)
+        object.__setattr__(self, "inverse", inverse)
+        object.__setattr__(self, "weights", weights)
+
+    def mean(self, X: Array) -> Array:
+        """The target to expect at samples X, (n,)."""
+        return self.kernel.offset + self.kernel(X, self.X) @ self.weights
+
+    def deviation(self, X: Array) -> Array:
+        """Standard deviation of a target at samples X, (n,)."""
+        covariances = self.kernel(X, self.X)
+        explained = np.einsum("ij,ij->i", covariances @ self.inverse, covariances)
+        return np.sqrt(np.maximum(self.kernel.signal**2 - explained, 0) + self.kernel.noise**2)
+
+    def residuals_left_out(self) -> Array:
+        """Target less its prediction from all the other samples, at each sample, (n,)."""
+        if not self.kernel.signal:
+            n = len(self.y)
+            return (self.y - self.kernel.offset) * n / max(n - 1, 1)
+        return _residuals(self.inverse, self.weights, None)
+
+    def gradient(self, X: Array) -> Array:
+        """Derivatives of `mean` by the features, (n, n_features)."""
+        here, there = self.kernel.scaled(X), self.kernel.scaled(self.X)
+        shares = self.kernel(X, self.X) * self.weights
+        return (shares @ there - shares.sum(axis=1)[:, None] * here) / self.kernel.length_scales

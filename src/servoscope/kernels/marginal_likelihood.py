@@ -13,7 +13,7 @@ from servoscope.processes import one_blas_thread
 
 PRIOR_WEIGHT, PRIOR_PRECISION = 0.1, 0.02
 """A feature's inverse length scale is log-normal about the former, with the latter's precision:
-weak, and enough to keep features apart that tell nothing."""
+weak, and enough to keep uninformative features apart."""
 
 _STARTS = ((1.0, 0.1), (4.0, 0.03), (12.0, 0.03))
 """Inverse length scales, as multiples of the usual ones, and noise to search from: where the
@@ -73,12 +73,12 @@ def fit_kernel(X: Array, y: Array, *, max_iter: int = 60, max_samples: int = 600
     offset, scale = float(y.mean()), float(y.std())
     if scale <= 1e-12 * abs(offset) or not np.isfinite(spread).any():
         return GaussianKernel(centre, np.full(len(centre), np.inf), 0.0, scale, offset)
-    told = np.isfinite(spread)
-    samples = _Samples((X[:, told] - centre[told]) / spread[told], (y - offset) / scale)
+    varies = np.isfinite(spread)
+    samples = _Samples((X[:, varies] - centre[varies]) / spread[varies], (y - offset) / scale)
     with one_blas_thread():
         weights, signal, noise = _maximise(samples, max_iter)
     length_scales = np.full(len(centre), np.inf)
-    length_scales[told] = spread[told] / weights
+    length_scales[varies] = spread[varies] / weights
     return GaussianKernel(centre, length_scales, signal * scale, noise * scale, offset)
 
 

@@ -14,9 +14,8 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from servoscope.arrays import check_scale, check_unmasked
 from servoscope.errors import InvalidInputError
-from servoscope.kernels import GaussianKernel
+from servoscope.kernels import GaussianKernel, KernelPosterior
 from servoscope.regression.calibration_ratio import calibration_ratio
-from servoscope.regression.kernel_posterior import KernelPosterior
 from servoscope.regression.samples import (
     Array,
     Samples,
@@ -78,10 +77,10 @@ class KernelRegressor(RegressorMixin, BaseEstimator):
         training = drawn(learned.poses, self.max_samples)
         samples, kernel = training, self._find_kernel(training)
         if others is None:
-            factor = _spread_of_shots(KernelPosterior(kernel, training), learned)
+            factor = _spread_of_shots(KernelPosterior(kernel, *training), learned)
         else:
             samples = drawn(training.joined(others.poses), self.max_samples)
-            posterior = KernelPosterior(kernel, training)
+            posterior = KernelPosterior(kernel, *training)
             errors = others.each.y - posterior.mean(others.each.X)
             factor = calibration_ratio(errors, posterior.deviation(others.each.X))
             if len(training.y) < KERNEL_SAMPLES:
@@ -90,7 +89,7 @@ class KernelRegressor(RegressorMixin, BaseEstimator):
         if not kernel.signal and len(samples.y) > 1:  # about the mean of the other samples
             noise *= len(samples.y) / (len(samples.y) - 1)
         kernel = replace(kernel, signal=factor * kernel.signal, noise=noise)
-        self.posterior_ = KernelPosterior(kernel, samples)
+        self.posterior_ = KernelPosterior(kernel, *samples)
         return self
 
     @overload
@@ -127,10 +126,10 @@ class KernelRegressor(RegressorMixin, BaseEstimator):
     def to_arrays(self) -> dict[str, np.ndarray]:
         """What `predict` needs, as plain arrays that `numpy.savez` writes without pickle."""
         check_is_fitted(self)
-        kernel, samples = self.posterior_.kernel, self.posterior_.samples
+        kernel, posterior = self.kernel_, self.posterior_
         values = (
             *(kernel.centre, kernel.length_scales, kernel.signal, kernel.noise, kernel.offset),
-            *samples,
+            *(posterior.X, posterior.y),
         )
         arrays = {name: np.asarray(value) for name, value in zip(_ARRAYS, values, strict=True)}
         scales = arrays["length_scales"]  # a feature that has no say: 0 for infinity
@@ -159,7 +158,7 @@ class KernelRegressor(RegressorMixin, BaseEstimator):
         length_scales = np.where(length_scales > 0, length_scales, np.inf)
         kernel = GaussianKernel(centre, length_scales, float(signal), float(noise), float(offset))
         regressor = cls()
-        regressor.posterior_ = KernelPosterior(kernel, Samples(X, y))
+        regressor.posterior_ = KernelPosterior(kernel, X, y)
         regressor.n_features_in_ = n_features
         if "feature_names" in arrays:
             regressor.feature_names_in_ = np.asarray(arrays["feature_names"], dtype=object)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from servoscope.errors import InvalidInputError
-from servoscope.kernels import find_repeats, fit_kernel, merge_repeats, whole_poses
+from servoscope.kernels import KernelPosterior, find_repeats, fit_kernel, merge_repeats, whole_poses
 from servoscope.processes import in_processes, one_blas_thread
 from servoscope.selection.forecast import (
     Array,
@@ -19,12 +19,10 @@ from servoscope.selection.forecast import (
     check_coverage,
     check_groups,
     cut_samples,
-    root_mean_square,
     summarise_residuals,
 )
-from servoscope.selection.kernel_prediction import predict_samples
-from servoscope.selection.poses import group_poses
-from servoscope.selection.tables import as_samples, as_table, in_ordinary_units
+from servoscope.selection.rms_interval import root_mean_square
+from servoscope.selection.samples import as_samples, as_table, group_poses, in_ordinary_units
 
 Progress = Callable[[int], object]
 Indices = NDArray[np.intp]
@@ -34,7 +32,7 @@ _LEAST_GAIN = 0.8
 
 
 class FeatureFamily(Protocol):
-    """Features that are fitted to images and to what the images tell."""
+    """Features that are fitted to images and to their targets."""
 
     def fit(self, images: Any, Y: Any) -> Any:
         """Fit to training images."""
@@ -74,7 +72,7 @@ def crossfit_forecast(
     """The RMS error that each target will reach from features that are fitted to images.
 
     `forecast_errors` is enough for features that need no fitting. Those fitted to the training
-    images, and even more so to their poses, tell more of these images than of new ones.
+    images, and even more so to their poses, inform more about these images than about new ones.
 
     Parameters
     ----------
@@ -249,8 +247,8 @@ def _residuals_left_out(
     with one_blas_thread():
         kernel = fit_kernel(X_used, y_used, **effort)
         return (
-            y[left_out] - predict_samples(kernel, X_used, y_used, X[left_out]),
-            y[left_out] - predict_samples(kernel, X_used[fewer], y_used[fewer], X[left_out]),
+            y[left_out] - KernelPosterior(kernel, X_used, y_used).mean(X[left_out]),
+            y[left_out] - KernelPosterior(kernel, X_used[fewer], y_used[fewer]).mean(X[left_out]),
         )
 
 

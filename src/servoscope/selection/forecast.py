@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 from servoscope.errors import InvalidInputError
 from servoscope.kernels import fit_kernel, leave_out_residuals, shots_left_out
 from servoscope.processes import in_processes, one_blas_thread
-from servoscope.selection.entropy_power import EntropyPower, entropy_power
-from servoscope.selection.poses import Poses, group_poses
+from servoscope.selection.estimators import EntropyPower, entropy_power
 from servoscope.selection.rms_interval import (
     effective_groups,
     rms_interval,
     rms_ratio_interval,
+    root_mean_square,
 )
-from servoscope.selection.tables import as_samples, in_ordinary_units
+from servoscope.selection.samples import Poses, as_samples, group_poses, in_ordinary_units
 
 Array = NDArray[np.float64]
 Groups = NDArray[np.intp]
@@ -49,8 +49,8 @@ class Forecast:
         Lower and upper end for the RMS of infinitely many images; for that of a test of few see
         `interval_of_test`.
     baseline : ndarray of shape (n_targets,)
-        RMS about the mean of the other samples, or of the other groups: what one who looks at no
-        feature reaches.
+        RMS about the mean of the other samples, or of the other groups: what is
+        reached without any feature.
     residuals : ndarray of shape (n_samples, n_targets)
         Target less its prediction at each sample, from other samples.
     entropy_power : EntropyPower
@@ -64,8 +64,8 @@ class Forecast:
     entropy_power: EntropyPower = field(repr=False)
 
     @property
-    def told(self) -> Array:
-        """Share of each target's variance that the features tell, 0 to 1."""
+    def explained(self) -> Array:
+        """Share of each target's variance that the features explain, 0 to 1."""
         left = np.divide(self.rms, self.baseline, out=np.ones_like(self.rms), where=self.rms > 0)
         return np.clip(1.0 - left**2, 0.0, 1.0)
 
@@ -133,7 +133,7 @@ def forecast_errors(
     Parameters
     ----------
     X : array of shape (n_samples, n_features)
-        Features. Those that were fitted on these very images, above all with their poses, look
+        Features. Those that were fitted on these very images, above all with their poses, seem
         better than they are: see `crossfit_forecast`.
     Y : array of shape (n_samples, n_targets) or (n_samples,)
     groups : array of shape (n_samples,), optional
@@ -179,7 +179,7 @@ def forecast_errors(
     >>> X = rng.uniform(-1, 1, (300, 2))
     >>> Y = np.column_stack([np.sin(3 * X[:, 0]) + rng.normal(0, 0.1, 300), rng.normal(size=300)])
     >>> forecast = forecast_errors(X, Y)
-    >>> forecast.rms.round(1), forecast.told.round(1)
+    >>> forecast.rms.round(1), forecast.explained.round(1)
     (array([0.1, 1. ]), array([1., 0.]))
     """
     check_coverage(coverage)
@@ -266,11 +266,6 @@ def cut_samples(n_samples: int, groups: Groups | None, n: int) -> list[NDArray[n
     order = np.random.default_rng(0).permutation(members.max() + 1)
     pieces = np.array_split(order, min(n, len(order)))
     return [np.flatnonzero(np.isin(members, piece)) for piece in pieces]
-
-
-def root_mean_square(residuals: Array) -> Array:
-    """Of every column."""
-    return np.asarray(np.sqrt(np.mean(residuals**2, axis=0)))
 
 
 def _residuals_of_part(

@@ -19,6 +19,11 @@ _LEAST_SHARE = 1e-6
 _N_DRAWS = 4000
 
 
+def root_mean_square(residuals: Array) -> Array:
+    """Of every column."""
+    return np.asarray(np.sqrt(np.mean(residuals**2, axis=0)))
+
+
 def rms_interval(
     residuals: Array,
     groups: Groups | None = None,
@@ -57,7 +62,7 @@ def rms_interval(
     array([[0.94],
            [1.02]])
     """
-    rms = np.sqrt(np.mean(residuals**2, axis=0))
+    rms = root_mean_square(residuals)
     error, n_groups = rms_log_error(residuals, groups)
     tail = (1 - coverage) / 2
     reach = np.hypot(t.isf(tail, n_groups - 1) * error, norm.isf(tail) * other_error)

@@ -1,7 +1,8 @@
-"""Checks of the tables of samples that every estimate starts from."""
+"""Samples as every estimate takes them: checked tables, in ordinary units, one a pose."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from servoscope.arrays import as_numbers
 from servoscope.errors import InvalidInputError
+from servoscope.kernels.repeats import find_repeats, merge_repeats, whole_poses
 
 _LARGEST = 1e60
 
@@ -89,3 +91,57 @@ def check_as_many(n_features_samples: int, n_target_samples: int) -> None:
         raise InvalidInputError(
             f"X and y must have as many samples, got {n_features_samples} and {n_target_samples}."
         )
+
+
+Array = NDArray[np.float64]
+Groups = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Samples, the repeated shots of a pose joined to their mean.
+
+    Parameters
+    ----------
+    X : ndarray of shape (n_poses, n_features)
+    Y : ndarray of shape (n_poses, n_targets)
+    groups : ndarray of shape (n_poses,), optional
+        Which poses are left out together; by default each by itself.
+    members : ndarray of shape (n_shots,)
+        Which pose each shot is of.
+    """
+
+    X: Array
+    Y: Array
+    groups: Groups | None
+    members: Groups
+
+    def __len__(self) -> int:
+        return len(self.X)
+
+    @property
+    def groups_of_shots(self) -> Groups | None:
+        """Which shots are left out together; None where each shot is by itself."""
+        if self.groups is not None:
+            return self.groups[self.members]
+        return self.members if len(self) < len(self.members) else None
+
+
+def group_poses(X: Array, Y: Array, groups: Groups | None) -> Poses:
+    """Samples by pose; what belongs together still does, and no pose is in two groups.
+
+    Parameters
+    ----------
+    X, Y : ndarrays of shape (n, n_features) and (n, n_targets)
+    groups : ndarray of shape (n,), optional
+        Numbers from 0.
+    """
+    members = find_repeats(X, Y)
+    merged = merge_repeats(X, Y, members)
+    if groups is None:
+        return Poses(*merged, None, members)
+    if len(merged[0]) == len(X):
+        return Poses(*merged, groups, members)
+    whole = whole_poses(members, groups)
+    _, first = np.unique(members, return_index=True)
+    return Poses(*merged, whole[first], members)

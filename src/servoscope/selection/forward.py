@@ -12,11 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from servoscope.errors import InvalidInputError
 from servoscope.kernels import GaussianKernel, leave_out_residuals
 from servoscope.processes import one_blas_thread
-from servoscope.selection.candidates import Candidates
+from servoscope.selection.candidates import Candidates, Ranking
 from servoscope.selection.forecast import check_groups
-from servoscope.selection.poses import group_poses
-from servoscope.selection.ranking import Ranking
-from servoscope.selection.tables import as_samples, in_ordinary_units
+from servoscope.selection.samples import as_samples, group_poses, in_ordinary_units
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -127,8 +125,8 @@ def forward_selection(
     The error is that of a Gaussian process whose residuals are left out in closed form. A feature
     enters at one of two length scales; once it is selected, all length scales and the noise are
     multiplied by what lowers the error most. A criterion that scores sets of features as a whole
-    finds those that tell only together, but one step at a time: of two features that tell nothing
-    alone, neither is the first.
+    finds those that inform only jointly, but one step at a time: of two features that explain
+    nothing alone, neither is the first.
 
     Examples
     --------
@@ -144,7 +142,7 @@ def forward_selection(
     poses = group_poses(features, targets, check_groups(groups, len(features)))
     n_steps, spread = min(int(n_features), features.shape[1]), float(poses.Y[:, 0].std())
     if spread <= 1e-12 * abs(float(poses.Y[:, 0].mean())):
-        return _nothing_to_tell(features.shape[1], n_steps)
+        return _of_a_constant(features.shape[1], n_steps)
     samples = _Samples(_standardised(poses.X), _standardised(poses.Y)[:, 0], poses.groups)
     drawn = np.random.default_rng(0).permutation(len(poses))[:max_samples]
     with one_blas_thread():
@@ -221,7 +219,7 @@ def _as_information(order: list[int], scores: Array) -> tuple[Array, Array]:
     return relevance, redundancy
 
 
-def _nothing_to_tell(n_candidates: int, n_steps: int) -> ForwardRanking:
+def _of_a_constant(n_candidates: int, n_steps: int) -> ForwardRanking:
     """The ranking for a target that never changes."""
     redundancy = np.zeros((n_steps, n_candidates))
     redundancy[np.tril_indices(n_steps, -1, n_candidates)] = np.nan

@@ -3,7 +3,7 @@ import pytest
 
 from servoscope.errors import InvalidInputError
 from servoscope.selection import MutualInfoSelector
-from servoscope.selection.forward_selection import forward_selection
+from servoscope.selection.forward import forward_selection
 
 
 def samples(n=300, noise=0.05, seed=0):

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import t
 
 from servoscope.errors import InvalidInputError
-from servoscope.kernels import fit_kernel, merge_repeats
+from servoscope.kernels import KernelPosterior, fit_kernel, merge_repeats
 from servoscope.processes import in_processes, one_blas_thread
 from servoscope.selection.forecast import (
     Array,
@@ -19,11 +19,94 @@ from servoscope.selection.forecast import (
     cut_samples,
     forecast_errors,
 )
-from servoscope.selection.kernel_prediction import predict_samples
-from servoscope.selection.poses import group_poses
-from servoscope.selection.power_law import PowerLaw, fit_power_law
 from servoscope.selection.rms_interval import rms_log_error
-from servoscope.selection.tables import as_samples, in_ordinary_units
+from servoscope.selection.samples import as_samples, group_poses, in_ordinary_units
+
+EXPONENTS = np.geomspace(0.15, 2.0, 16)
+REMAINDERS = np.linspace(0.0, 1.0, 26)
+"""Shares of the last error that no number of images takes away."""
+_OFFSETS = np.linspace(-3.0, 3.0, 13)
+"""By how many of its standard errors the last error may be wrong."""
+
+
+@dataclass(frozen=True, eq=False)
+class PowerLaw:
+    """The curves ``a + b n^-c`` that agree with some measured errors, and how well each does.
+
+    Parameters
+    ----------
+    n : float
+        The largest measured number of images.
+    level : ndarray of shape (n_curves,)
+        Error of each curve there.
+    remainder : ndarray of shape (n_curves,)
+        Share of it that no number of images takes away: ``a / level``.
+    exponent : ndarray of shape (n_curves,)
+        c.
+    weight : ndarray of shape (n_curves,)
+        Adds up to 1.
+    """
+
+    n: float
+    level: Array = field(repr=False)
+    remainder: Array = field(repr=False)
+    exponent: Array = field(repr=False)
+    weight: Array = field(repr=False)
+
+    def quantiles(self, n: float, shares: ArrayLike) -> Array:
+        """The errors at n images that such shares of the curves, by weight, fall below.
+
+        They never rise with n.
+        """
+        falling = (1 - self.remainder) * (n / self.n) ** -self.exponent
+        errors = self.level * (falling + self.remainder)
+        order = np.argsort(errors, kind="stable")
+        reached = np.searchsorted(np.cumsum(self.weight[order]), shares)
+        return np.asarray(errors[order[np.minimum(reached, len(order) - 1)]])
+
+
+def fit_power_law(n: ArrayLike, rms: ArrayLike, log_errors: ArrayLike) -> PowerLaw:
+    """The power laws that agree with errors measured at several numbers of images.
+
+    Parameters
+    ----------
+    n : array of shape (n_sizes,)
+        Numbers of images, ascending.
+    rms : array of shape (n_sizes,)
+        Errors there, all above 0.
+    log_errors : array of shape (n_sizes,)
+        Standard errors of their logarithms.
+
+    Returns
+    -------
+    PowerLaw
+
+    Notes
+    -----
+    Three to five errors do not settle three parameters. So no curve is the best one: every curve
+    of a grid counts by its likelihood, with log errors taken for normal, exponents for equally
+    likely by their logarithm from 0.15 to 2, and remainders from 0 to 1.
+
+    Examples
+    --------
+    >>> n = np.array([100, 200, 400, 800])
+    >>> law = fit_power_law(n, 0.1 + 4 / n, [0.01] * 4)
+    >>> law.quantiles(8000, [0.5]).round(2)
+    array([0.1])
+    """
+    sizes, errors, spread = (np.asarray(a, dtype=float) for a in (n, rms, log_errors))
+    level, remainder, exponent = (
+        grid.ravel()
+        for grid in np.meshgrid(
+            errors[-1] * np.exp(spread[-1] * _OFFSETS), REMAINDERS, EXPONENTS, indexing="ij"
+        )
+    )
+    ratio = sizes[:, None] / sizes[-1]
+    curves = level * ((1 - remainder) * ratio**-exponent + remainder)
+    misfit = np.square((np.log(curves) - np.log(errors)[:, None]) / spread[:, None]).sum(axis=0)
+    weight = np.exp(-0.5 * (misfit - misfit.min()))
+    return PowerLaw(float(sizes[-1]), level, remainder, exponent, weight / weight.sum())
+
 
 Indices = NDArray[np.intp]
 
@@ -97,7 +180,7 @@ class LearningCurve:
         return PredictedError(rms, np.array([rms * np.exp(-below), rms * np.exp(above)]))
 
     def images_for(self, rms: ArrayLike) -> list[int | None]:
-        """How many images bring each target under a wished error.
+        """How many images bring the error of each target within a tolerance.
 
         Parameters
         ----------
@@ -109,16 +192,16 @@ class LearningCurve:
         list of int or None
             None where it takes more than 100 times as many as there are, or no number does.
         """
-        wished = np.broadcast_to(np.asarray(rms, dtype=float), (len(self._laws),))
-        return [self._images_for(j, float(error)) for j, error in enumerate(wished)]
+        tolerances = np.broadcast_to(np.asarray(rms, dtype=float), (len(self._laws),))
+        return [self._images_for(j, float(rms)) for j, rms in enumerate(tolerances)]
 
-    def _images_for(self, target: int, wished: float) -> int | None:
+    def _images_for(self, target: int, tolerance: float) -> int | None:
         few, many = int(self.n_images[0]), MOST_SAID * int(self.n_images[-1])
-        if self.rms_at(many).rms[target] > wished:
+        if self.rms_at(many).rms[target] > tolerance:
             return None
         while few < many:
             middle = (few + many) // 2
-            if self.rms_at(middle).rms[target] <= wished:
+            if self.rms_at(middle).rms[target] <= tolerance:
                 many = middle
             else:
                 few = middle + 1
@@ -233,7 +316,7 @@ def _log_rms_of_others(
     X_known, y_known = merge_repeats(X[subset], y[subset], poses)
     with one_blas_thread():
         kernel = fit_kernel(X_known, y_known, **effort)
-        errors = y[others] - predict_samples(kernel, X_known, y_known, X[others])
+        errors = y[others] - KernelPosterior(kernel, X_known, y_known).mean(X[others])
     with np.errstate(divide="ignore"):
         return float(np.log(np.sqrt(np.mean(errors**2))))
 
