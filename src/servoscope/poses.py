@@ -23,6 +23,11 @@ DISPLACEMENTS = ("pivot", "camera")
 DISPLAY_UNITS = ("mm", "mm", "mm", "deg", "deg", "deg")
 """The units in which people are shown each degree of freedom."""
 
+DOF_LABELS = {dof: dof.capitalize() for dof in DOFS}
+"""``Tx`` for ``tx``, as the paper has it."""
+
+DOF_UNITS = dict(zip(DOFS, DISPLAY_UNITS, strict=True))
+
 DISPLAY_FACTORS = np.array([1e3, 1e3, 1e3, *(np.degrees(1.0),) * 3])
 """What turns metres and radians into `DISPLAY_UNITS`."""
 

@@ -10,9 +10,9 @@ from servoscope import CameraModel, Keyframe
 from servoscope.cli import main
 from servoscope.commands.accuracy import observability
 from servoscope.commands.output import print_facts
+from servoscope.keyframe.figure import plot_shares
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 from servoscope.positioning import KeyframeModel
-from servoscope.report.figures.keyframe import plot_shares
 from servoscope.storage.model_folder import read_model, write_model
 from servoscope.wording import plain_number
 

@@ -10,9 +10,10 @@ from servoscope.errors import InvalidInputError
 from servoscope.poses import displacements_from_poses, inverse_transform, rigid_transform
 from servoscope.positioning.keyframe_model import KeyframeModel
 from servoscope.rehearsal import OwnErrors, Rehearsal, TrueView
+from servoscope.rehearsal.page import rehearsal_table
 from servoscope.rehearsal.rendered_cell import cell_at_reference, cell_at_start
 from servoscope.rehearsal.run import REHEARSED, as_keyframe_model
-from servoscope.rehearsal.summary import summarise_rehearsal, table_rows, verdict
+from servoscope.rehearsal.summary import summarise_rehearsal, verdict
 from servoscope.scoreboard.cell import start_direction
 from servoscope.scoreboard.conditions import CONDITIONS
 from servoscope.scoreboard.trial import Trial
@@ -159,7 +160,8 @@ def test_numbers_are_counted_with_wilson_s_interval():
     half = z * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
     bounds = (p + z**2 / (2 * n) + np.array([-half, half])) / (1 + z**2 / n)
     assert numbers["success_interval"] == pytest.approx(bounds, abs=1e-4)
-    assert table_rows({"x": numbers})[0][:3] == ("x", "8/10", "49% to 94%")
+    table = rehearsal_table({"results": {"x": numbers}, "starts": 10, "ranges": {}})
+    assert table.rows[0][:3] == ("x", "8/10", "49% to 94%")
 
 
 def test_the_verdict_names_what_fails():

@@ -8,14 +8,14 @@ import pytest
 from scoreboard_stand_in import FullStep, Nearest, learner
 from servoscope.cli import main
 from servoscope.errors import InvalidInputError
-from servoscope.report.scoreboard import write_scoreboard
 from servoscope.scoreboard import run as scoreboard_run
 from servoscope.scoreboard.conditions import CONDITIONS, SCENES
 from servoscope.scoreboard.learners import LEARNERS
 from servoscope.scoreboard.methods import METHODS
+from servoscope.scoreboard.page import write_scoreboard
 from servoscope.scoreboard.plan import Plan
 from servoscope.scoreboard.run import Scoreboard
-from servoscope.study.run_folder import open_run_folder
+from servoscope.storage.run_folder import open_run_folder
 
 CONDITIONS_RUN = ("range_0.4", "range_1.0", "noise_10", "depth_1.5")
 PLAN = Plan(

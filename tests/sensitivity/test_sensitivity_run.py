@@ -9,9 +9,8 @@ import pytest
 from servoscope.acquisition import acquire
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DISPLAY_FACTORS, DOFS
-from servoscope.report.figures.sensitivity import draw_sensitivity
 from servoscope.sensitivity import SensitivityConfig, SensitivityRun
-from servoscope.sensitivity.table import as_markdown, clean_row, columns, table_rows
+from servoscope.sensitivity.page import draw_sensitivity, sensitivity_table
 
 CONFIG = SensitivityConfig(
     n_images=120,
@@ -72,12 +71,12 @@ def test_results_are_plain_json_with_what_is_promised(sensitivity):
 def test_tables_say_where_nothing_doubles(sensitivity):
     never = {dof: {**sensitivity["gain"][dof], "doubles_at": None} for dof in DOFS}
     some = {dof: {**sensitivity["gain"][dof], "doubles_at": 123.4} for dof in DOFS}
-    rows = table_rows({"gain": never, "light": some}, "doubles_at")
+    table = sensitivity_table("tchebichef", {"gain": never, "light": some}, "doubles_at")
+    clean, *rows = table.rows
     assert rows[0] == ("gain", "%", *["> 20"] * 6)
     assert rows[1] == ("light", "%", *["120"] * 6)
-    assert len(clean_row(sensitivity)) == len(columns(sensitivity))
-    page = as_markdown({"tchebichef": {"sensitivity": sensitivity}})
-    assert page.count("| gain |") == 2
+    assert len(clean) == len(table.columns)
+    assert len(sensitivity_table("tchebichef", sensitivity, "parts_at").rows) == 2
 
 
 def test_the_figure_has_a_panel_a_disturbance_with_two_lines_a_dof(run, sensitivity):

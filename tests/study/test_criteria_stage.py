@@ -8,7 +8,8 @@ from planar import planar_data_set
 from servoscope.files import to_json
 from servoscope.poses import DOFS
 from servoscope.selection import CRITERIA, MutualInfoSelector
-from servoscope.study import Study, StudyConfig, criteria, forecasts, open_run_folder
+from servoscope.storage.run_folder import open_run_folder
+from servoscope.study import Study, StudyConfig, criteria
 from servoscope.study.criteria import SIZES, UNIT, compare_criteria
 from servoscope.study.feature_tables import CANDIDATES
 from servoscope.study.networks import subset_recipe, train_nets
@@ -111,9 +112,9 @@ def test_forecasts_leave_out_blocks_of_a_sequence(tmp_path, monkeypatch, split, 
         left_out.append(groups)
         return 0.1
 
-    monkeypatch.setattr(forecasts, "_forecast", forecast)
+    monkeypatch.setattr(criteria, "_forecast", forecast)
     study = finished(planar_data_set(split=split), tmp_path / "run")
-    forecasts.compare_forecasts(study, UNIT)
+    criteria.compare_forecasts(study, UNIT)
     assert all((groups is not None) == in_blocks for groups in left_out)
     if in_blocks:
         train = study.split("honest").train

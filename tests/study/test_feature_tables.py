@@ -5,7 +5,7 @@ from servoscope.features import GeometricMoments, compute_image_basis
 from servoscope.pipeline import FeatureTable
 from servoscope.poses import DOFS
 from servoscope.study.feature_tables import CANDIDATES, compute_feature_table
-from servoscope.study.paper import RECIPES
+from servoscope.study.paper import FAMILIES
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def names(table, columns) -> list[str]:
 
 @pytest.mark.parametrize("dof", DOFS)
 def test_nets_take_24_moments_24_eigenfeatures_6_pci_and_12_lfa_features(table, dof):
-    taken = {f: names(table, table.columns(recipe.for_dof(dof))) for f, recipe in RECIPES.items()}
+    taken = {f: names(table, table.columns(one.recipe.for_dof(dof))) for f, one in FAMILIES.items()}
     assert len(set(taken["gm"])) == 24
     assert {name.split("_")[1] for name in taken["gm"]} == {"50", "100", "150"}
     assert taken["pca"] == [f"e_{i:02d}" for i in range(24)]

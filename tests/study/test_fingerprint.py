@@ -4,7 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from servoscope.study import Study, StudyConfig, open_run_folder
+from servoscope.storage.run_folder import open_run_folder
+from servoscope.study import Study, StudyConfig
 
 STAGES = ("_compute_features", "_assess", "_train")
 QUICK = StudyConfig(hidden=1, restarts=1, n_thresholds=2, protocols=("honest",))

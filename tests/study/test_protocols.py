@@ -8,7 +8,8 @@ from planar import planar_data_set
 from servoscope.data.independence import split_data
 from servoscope.poses import DISPLACEMENTS, DOFS
 from servoscope.selection import mutual_information
-from servoscope.study import Study, StudyConfig, open_run_folder
+from servoscope.storage.run_folder import open_run_folder
+from servoscope.study import Study, StudyConfig
 
 N_IMAGES = 160
 QUICK = StudyConfig(hidden=1, restarts=1, n_thresholds=3)

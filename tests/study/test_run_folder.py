@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from servoscope.errors import FolderExistsError, FolderInUseError, RunFolderError
-from servoscope.study.run_folder import (
+from servoscope.storage.run_folder import (
     is_run,
     open_run_folder,
     owned_run_folder,

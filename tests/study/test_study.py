@@ -9,7 +9,8 @@ from servoscope.data.splits import split_images
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DISPLACEMENTS, DOFS
 from servoscope.regression import PoseRegressor
-from servoscope.study import Study, StudyConfig, check_data, open_run_folder
+from servoscope.storage.run_folder import open_run_folder
+from servoscope.study import Study, StudyConfig, check_data
 from servoscope.study.paper import FAMILIES
 
 QUICK = StudyConfig(hidden=4, restarts=1, n_thresholds=5)

@@ -6,11 +6,10 @@ from servoscope.pipeline import Fitted, Recipe
 from servoscope.poses import DOFS
 from servoscope.regression import LMRegressor
 from servoscope.selection import ThresholdSubset
-from servoscope.study.assessment import assess_features
 from servoscope.study.feature_tables import study_table
-from servoscope.study.networks import StudyNets, SweepPoint
+from servoscope.study.information import assess_features
+from servoscope.study.networks import StudyNets, SweepPoint, choose_best, summarise
 from servoscope.study.paper import FAMILIES
-from servoscope.study.summary import choose_best, summarise
 
 RANGES = np.array([0.025] * 3 + [np.radians(15)] * 3)
 NAMES = ("m00_50", "x_50", "y_50", "e_00")
@@ -83,8 +82,8 @@ def test_the_sweep_tells_the_deciding_error_from_that_of_the_test(errors):
 @pytest.mark.parametrize("best", FAMILIES)
 def test_the_best_family_is_the_best_on_the_images_that_decide(best):
     validation, test = np.full((5, 6), 0.3), np.full((5, 6), 0.2)
-    validation[FAMILIES.index(best)] = 0.2
-    test[FAMILIES.index(best)] = 0.3
+    validation[list(FAMILIES).index(best)] = 0.2
+    test[list(FAMILIES).index(best)] = 0.3
     assert summary_of(validation, test)["best_family"] == best
 
 

@@ -68,8 +68,8 @@ def assess(
     from servoscope.errors import InvalidInputError, ServoscopeWarning
     from servoscope.features.catalogue import parse_families
     from servoscope.regression.registry import make_regressor
+    from servoscope.storage.run_folder import owned_run_folder
     from servoscope.study import StudyConfig
-    from servoscope.study.run_folder import owned_run_folder
     from servoscope.tolerances import parse_tolerances
 
     processes = n_jobs(jobs)

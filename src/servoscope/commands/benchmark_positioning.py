@@ -39,11 +39,11 @@ def benchmark_positioning(
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import print_json
     from servoscope.commands.progress import progress_bar
-    from servoscope.report.scoreboard import write_scoreboard
     from servoscope.scoreboard.conditions import SCENES
+    from servoscope.scoreboard.page import write_scoreboard
     from servoscope.scoreboard.plan import Plan
     from servoscope.scoreboard.run import Scoreboard
-    from servoscope.study.run_folder import owned_run_folder
+    from servoscope.storage.run_folder import owned_run_folder
 
     processes = n_jobs(jobs)
     plan = Plan(quick=quick, seed=seed, starts=starts, image_size=image_size)
@@ -60,19 +60,12 @@ def benchmark_positioning(
 
 
 def _print_scoreboard(scoreboard: dict[str, Any], page: Path) -> None:
-    from rich.table import Table
-
     from servoscope.commands.output import console
-    from servoscope.scoreboard.table import COLUMNS, LEGEND, TITLES, table_rows, target_text
+    from servoscope.scoreboard.page import LEGEND, scoreboard_table, target_text
 
     out = console()
     for scene in scoreboard["results"]:
-        table = Table(title=TITLES[scene], title_justify="left")
-        for column in COLUMNS:
-            table.add_column(column)
-        for row in table_rows(scoreboard, scene):
-            table.add_row(*row)
-        out.print(table)
+        out.print(scoreboard_table(scoreboard, scene))
     out.print(LEGEND)
     for target in scoreboard["targets"]:
         out.print(target_text(target))

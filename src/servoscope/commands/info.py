@@ -43,7 +43,7 @@ def info(
     """
     from servoscope.commands.output import print_facts
     from servoscope.storage.model_folder import is_model
-    from servoscope.study.run_folder import is_run
+    from servoscope.storage.run_folder import is_run
 
     if figure is None and dataset is not None:
         raise InvalidInputError("--dataset is for the figure; name its file with --figure.")
@@ -119,7 +119,7 @@ def describe_run(folder: Path) -> dict[str, Any]:
     RunFolderError
         If it was written by another version or is damaged.
     """
-    from servoscope.study.run_folder import RunFolder, read_settings
+    from servoscope.storage.run_folder import RunFolder, read_settings
 
     run = RunFolder(folder, read_settings(folder))
     return {
@@ -231,8 +231,8 @@ def _keyframe(header: dict[str, Any], arrays: dict[str, Any]) -> Keyframe | None
 def _write_figure(folder: Path | None, file: Path, dataset: Path | None) -> None:
     """Write the figure of a keyframe model."""
     from servoscope.data.images import PoseImageSet
+    from servoscope.keyframe.figure import write_keyframe
     from servoscope.positioning.keyframe_model import RESIDUAL
-    from servoscope.report.figures.keyframe import write_keyframe
     from servoscope.storage.model_folder import is_model, read_model
 
     keyframe = None

@@ -9,7 +9,7 @@ from servoscope.commands.options import Force, Jobs, Json, Model, Resume, RunOut
 
 if TYPE_CHECKING:
     from servoscope.rehearsal import Rehearsal
-    from servoscope.study.run_folder import RunFolder
+    from servoscope.storage.run_folder import RunFolder
 
 
 def rehearse(
@@ -52,9 +52,9 @@ def rehearse(
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import print_json
     from servoscope.positioning.model import PositioningModel
+    from servoscope.rehearsal.page import write_rehearsal
     from servoscope.rehearsal.run import REHEARSED, Rehearsal, as_keyframe_model, check_conditions
-    from servoscope.report.rehearsal import write_rehearsal
-    from servoscope.study.run_folder import owned_run_folder
+    from servoscope.storage.run_folder import owned_run_folder
 
     processes = n_jobs(jobs)
     names = check_conditions(conditions) or REHEARSED
@@ -90,7 +90,7 @@ def _results(
     from servoscope.commands.progress import progress_bar
     from servoscope.files import write_json
     from servoscope.rehearsal.summary import verdict
-    from servoscope.study.run_folder import read_json
+    from servoscope.storage.run_folder import read_json
 
     inputs = {"settings": run.settings, "servoscope": __version__}
     results = {}
@@ -124,22 +124,11 @@ def _write_starts(path: Path, rehearsed: Any) -> None:
 
 
 def _print_rehearsal(results: dict[str, Any], page: Path) -> None:
-    from rich.table import Table
-
     from servoscope.commands.output import console
-    from servoscope.rehearsal.summary import COLUMNS, LEGEND, table_rows
-    from servoscope.report.rehearsal import range_text
+    from servoscope.rehearsal.page import LEGEND, rehearsal_table
 
     out = console()
-    table = Table(
-        title=f"{results['starts']} starts each, range 1.0: {range_text(results['ranges'])}",
-        title_justify="left",
-    )
-    for column in COLUMNS:
-        table.add_column(column)
-    for row in table_rows(results["results"]):
-        table.add_row(*row)
-    out.print(table)
+    out.print(rehearsal_table(results))
     out.print(LEGEND)
     out.print(results["verdict"])
     out.print(f"total {results['timings_s']['total']:.1f} s")

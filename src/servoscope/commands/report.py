@@ -12,9 +12,9 @@ def report(run: Run, jobs: Jobs = None, json: Json = False) -> None:
     """
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import print_facts
-    from servoscope.report import write_report
     from servoscope.storage.ownership import owned
-    from servoscope.study.run_folder import read_settings
+    from servoscope.storage.run_folder import read_settings
+    from servoscope.study.page import write_report
 
     processes = n_jobs(jobs)
     read_settings(run)  # what is no run folder gets no lock

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.table import Table
 from rich.text import Text
 
 from servoscope.assessment import as_json, assess
+from servoscope.assessment.page import reach_table
 from servoscope.commands.output import console
 from servoscope.commands.progress import progress_bar
 from servoscope.data.folder import writing
@@ -23,9 +23,8 @@ from servoscope.errors import InvalidInputError, ServoscopeWarning
 from servoscope.files import write_json
 from servoscope.pipeline import PosePipeline
 from servoscope.poses import DISPLAY_UNITS, DOFS
-from servoscope.report.decision import reach_cells
+from servoscope.storage.run_folder import RunFolder, read_json
 from servoscope.study.run import fingerprint
-from servoscope.study.run_folder import RunFolder, read_json
 
 Errors = Mapping[str, float]
 
@@ -104,13 +103,7 @@ def print_assessment(assessment: dict[str, Any]) -> None:
     """Print the verdict, what each dof reaches and what the view allows, and what would help."""
     out = console()
     out.print(Text(assessment["conclusion"], style="bold"), soft_wrap=True)
-    table = Table(title="RMS error of each degree of freedom", title_justify="left")
-    for heading in ("dof", "tolerance", "one look (90 %)", "loop ends at", "view allows"):
-        table.add_column(heading)
-    table.add_column("features limited by")
-    for dof, row in assessment["dofs"].items():
-        table.add_row(dof, *reach_cells(row), row["limited_by"])
-    out.print(table)
+    out.print(reach_table(assessment))
     for dof, row in assessment["dofs"].items():
         for line in row["advice"]:
             out.print(Text(f"{dof}: {line}"), soft_wrap=True)

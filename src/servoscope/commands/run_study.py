@@ -6,23 +6,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rich.table import Table
-
 from servoscope.commands.output import console, print_json
 from servoscope.commands.progress import progress_bar
 from servoscope.commands.run_assessment import print_assessment, study_sample
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import InvalidInputError
 from servoscope.files import write_json
-from servoscope.poses import DISPLAY_UNITS, DOFS
-from servoscope.report import write_report
-from servoscope.report.agreement import compare_order_of_families
-from servoscope.report.averages import mean_rms, moving_dofs
+from servoscope.storage.run_folder import RunFolder, read_json
 from servoscope.study import Study, StudyConfig
+from servoscope.study.agreement import compare_order_of_families
 from servoscope.study.criteria import compare_criteria
-from servoscope.study.paper import FAMILIES, FAMILY_TITLES
+from servoscope.study.page import write_report
+from servoscope.study.results import list_units
 from servoscope.study.run import describe_run
-from servoscope.study.run_folder import RunFolder, read_json
+from servoscope.study.tables import errors_table
 
 
 def finish_run(
@@ -57,8 +54,8 @@ def finish_run(
     write_json(path, summary)
     with progress_bar("report", 1) as advance:
         write = partial(write_report, run.path, n_jobs=n_jobs)
-        told = {name: summary.get(name) for name in ("protocols", "assessed", "criteria")}
-        run.run_stage("report", told, write, ["report.html"])
+        shown = {name: summary.get(name) for name in ("protocols", "assessed", "criteria")}
+        run.run_stage("report", shown, write, ["report.html"])
         advance(1)
     summary["timings_s"] = run.timings()
     write_json(path, summary)
@@ -83,31 +80,8 @@ def print_run(summary: dict[str, Any], run: Path, *, json: bool) -> None:
 
 def _print_study(summary: dict[str, Any]) -> None:
     out = console()
-    for protocol, forms in summary["protocols"].items():
-        for displacement, results in forms.items():
-            out.print(_table(f"{protocol} protocol, {displacement} form", results))
+    for unit in list_units(summary):
+        out.print(unit.title)
+        out.print(errors_table(unit))
     for finding in compare_order_of_families(summary):
         out.print(f"The paper: {finding.claim} Here: {finding.verdict}.")
-
-
-def _table(title: str, results: dict[str, Any]) -> Table:
-    table = Table(title=f"RMS test error, {title}", title_justify="left")
-    table.add_column("features")
-    for dof, unit in zip(DOFS, DISPLAY_UNITS, strict=True):
-        table.add_column(f"{dof} [{unit}]", justify="right")
-    table.add_column("mean of range", justify="right")
-    for family in FAMILIES:
-        table.add_row(FAMILY_TITLES[family], *_errors(results, results["table1"][family]))
-    table.add_row("none: the mean", *_errors(results, results["baseline"]), end_section=True)
-    minimum = results["table3"]
-    moving = moving_dofs(results)
-    numbers = ", ".join(f"{minimum[dof]['n_features']}" if dof in moving else "-" for dof in DOFS)
-    table.add_row(f"selected ({numbers})", *_errors(results, minimum))
-    return table
-
-
-def _errors(results: dict[str, Any], row: dict[str, Any]) -> list[str]:
-    """The cells of a row; a dof that never moved has no error."""
-    moving = moving_dofs(results)
-    cells = [f"{row[dof]['physical']:.2f}" if dof in moving else "-" for dof in DOFS]
-    return [*cells, f"{mean_rms(results, row):.3f}" if moving else "-"]

@@ -13,7 +13,7 @@ from servoscope.commands.options import Force, Jobs, Json, Part, Resume, RunOut
 if TYPE_CHECKING:
     from servoscope.data.images import PoseImageSet
     from servoscope.sensitivity import SensitivityConfig
-    from servoscope.study.run_folder import RunFolder
+    from servoscope.storage.run_folder import RunFolder
 
 OnModel = Annotated[
     Path | None, arg(metavar="MODEL", help="Folder of a keyframe model to ask instead.")
@@ -71,10 +71,10 @@ def sensitivity(
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import print_json
     from servoscope.files import write_json
-    from servoscope.report.sensitivity import write_sensitivity
     from servoscope.sensitivity import DISTURBANCES, SensitivityConfig
     from servoscope.sensitivity.config import DEFAULT_FEATURES
-    from servoscope.study.run_folder import owned_run_folder
+    from servoscope.sensitivity.page import write_sensitivity
+    from servoscope.storage.run_folder import owned_run_folder
 
     processes = n_jobs(jobs)
     if on is not None:
@@ -177,7 +177,7 @@ def _errors(
     """What is measured of each disturbance, now or before."""
     from functools import partial
 
-    from servoscope.study.run_folder import read_json
+    from servoscope.storage.run_folder import read_json
 
     errors = {}
     for name in names:
@@ -229,20 +229,12 @@ def _write_errors(path: Path, measure: Callable[[], dict[str, Any]]) -> None:
 
 
 def _print_tables(results: dict[str, Any], figures: list[Path]) -> None:
-    from rich.table import Table
-
     from servoscope.commands.output import console
-    from servoscope.sensitivity.table import TITLES, clean_row, columns, table_rows
+    from servoscope.sensitivity.page import sensitivity_table
 
     out = console()
     for name, of_features in results["features"].items():
-        table = Table(title=f"{name}: {TITLES['doubles_at'].lower()}", title_justify="left")
-        for k, column in enumerate(columns(of_features["sensitivity"])):
-            table.add_column(column, justify="left" if k < 2 else "right")
-        table.add_row(*clean_row(of_features["sensitivity"]), end_section=True)
-        for row in table_rows(of_features["sensitivity"], "doubles_at"):
-            table.add_row(*row)
-        out.print(table)
+        out.print(sensitivity_table(name, of_features["sensitivity"], "doubles_at"))
     if results.get("left_out"):
         names = ", ".join(results["left_out"])
         out.print(f"left out: {names}; where the lamps stand is known of the simulated part only")

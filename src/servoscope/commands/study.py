@@ -38,8 +38,8 @@ def study(
     from servoscope.commands.progress import progress_bar
     from servoscope.commands.run_study import finish_run, print_run
     from servoscope.data.images import PoseImageSet
+    from servoscope.storage.run_folder import RunFolder, owned_run_folder
     from servoscope.study.config import StudyConfig, check_n_images
-    from servoscope.study.run_folder import RunFolder, owned_run_folder
 
     processes = n_jobs(jobs)
     config = StudyConfig(seed=seed, protocols=protocols(protocol))

@@ -173,8 +173,8 @@ def read_assessment(run: Path, data: PoseImageSet) -> Assessed:
     from servoscope.pipeline import PosePipeline
     from servoscope.positioning.training import Assessed
     from servoscope.storage.model_folder import is_model
+    from servoscope.storage.run_folder import read_json, read_settings
     from servoscope.study.run import fingerprint
-    from servoscope.study.run_folder import read_json, read_settings
 
     if read_settings(run).get("command") != "assess" or not (run / "assessment.json").exists():
         raise RunFolderError(

@@ -8,27 +8,10 @@ from typing import Any
 from scipy.stats import binomtest
 
 from servoscope.scoreboard.summary import summarise
-from servoscope.scoreboard.trial import SUCCESS_DEG, SUCCESS_MM, Trial
-
-COLUMNS = (
-    "condition",
-    "arrive",
-    "95 % interval",
-    "end [mm]",
-    "end [deg]",
-    "moves",
-    "wrongly converged",
-    "how they ended",
-)
+from servoscope.scoreboard.trial import Trial
 
 ENOUGH = 0.95
 """Share of the starts that has to arrive for a condition to be called safe."""
-
-LEGEND = (
-    f"arrive: starts that ended under {SUCCESS_MM:g} mm and under {SUCCESS_DEG:g} deg; the "
-    "interval is Wilson's; end: median of all starts; moves: median of those that arrived; wrongly "
-    "converged: said so, but ended farther away."
-)
 
 
 def summarise_rehearsal(trials: Sequence[Trial]) -> dict[str, Any]:
@@ -48,23 +31,6 @@ def summarise_rehearsal(trials: Sequence[Trial]) -> dict[str, Any]:
         "success_interval": [round(float(found.low), 4), round(float(found.high), 4)],
         "wrongly_converged": wrong,
     }
-
-
-def table_rows(results: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]:
-    """A row of `COLUMNS` for each condition."""
-    return [
-        (
-            name,
-            f"{numbers['success']}/{numbers['trials']}",
-            "{:.0%} to {:.0%}".format(*numbers["success_interval"]),
-            f"{numbers['final_mm_median']:.3g}",
-            f"{numbers['final_deg_median']:.2g}",
-            "-" if numbers["moves_median"] is None else f"{numbers['moves_median']:g}",
-            str(numbers["wrongly_converged"]),
-            ", ".join(f"{n} {status}" for status, n in numbers["status_counts"].items()),
-        )
-        for name, numbers in results.items()
-    ]
 
 
 def verdict(results: Mapping[str, Mapping[str, Any]]) -> str:
@@ -91,14 +57,3 @@ def verdict(results: Mapping[str, Mapping[str, Any]]) -> str:
     runs = "run says" if wrong == 1 else "runs say"
     trust = f"{wrong or 'no'} {runs} 'converged' farther away"
     return f"{said}; {trust}."
-
-
-def as_markdown(results: Mapping[str, Mapping[str, Any]]) -> str:
-    """The table and the verdict, as Markdown."""
-    lines = [verdict(results), "", LEGEND, "", _line(COLUMNS), _line(["---"] * len(COLUMNS))]
-    lines += [_line([f"`{first}`", *others]) for first, *others in table_rows(results)]
-    return "\n".join(lines) + "\n"
-
-
-def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"

@@ -19,20 +19,13 @@ from servoscope.features import (
 from servoscope.pipeline import FeatureTable, Recipe
 from servoscope.poses import DOFS
 from servoscope.study.config import N_EIGENVECTORS
+from servoscope.study.paper import FAMILIES, family_of
 
 N_CANDIDATE_EIGENVECTORS = 35
 """Eigenfeatures that are candidates for selection; also the eigenvectors of family LFA 35."""
 
 CANDIDATES = Recipe("moments+eigenfeatures+pose_covariance")
 """The features that selection chooses from: all but LFA, as in the paper."""
-
-_FAMILIES = {
-    "e": "eigenfeatures",
-    "pci": "pose_covariance",
-    "lfa35": "lfa35",
-    "lfa85": "lfa85",
-}
-"""Families by the beginning of the names of their features; all others are moments."""
 
 
 def study_table(values: NDArray[np.float64], names: Sequence[str]) -> FeatureTable:
@@ -45,7 +38,7 @@ def study_table(values: NDArray[np.float64], names: Sequence[str]) -> FeatureTab
         Moments, eigenfeatures ``e_00``, ..., ``pci_tx``, ..., and the LFA features as
         ``lfa35_tx_00``, ...
     """
-    families = tuple(_FAMILIES.get(name.split("_")[0], "moments") for name in names)
+    families = tuple(str(FAMILIES[family_of(name)].recipe.features) for name in names)
     return FeatureTable(values, tuple(names), families)
 
 

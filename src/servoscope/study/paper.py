@@ -1,4 +1,4 @@
-"""The published tables of Wells and Torras (2001), as data.
+"""The families and the published tables of Wells and Torras (2001), as data.
 
 The names of features are ours: ``theta_50`` is the paper's theta with the superscript 50,
 ``e_07`` its e_7, ``pci_rz`` its PCI vector of Rz.
@@ -6,27 +6,88 @@ The names of features are ours: ``theta_50`` is the paper's theta with the super
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from servoscope.features.catalogue import title_of
 from servoscope.pipeline import Recipe
 
-RECIPES = {
-    "gm": Recipe("moments", regressor="levenberg_marquardt"),
-    "pca": Recipe("eigenfeatures", ("e_[01]?", "e_2[0-3]"), "levenberg_marquardt"),
-    "pci": Recipe("pose_covariance", regressor="levenberg_marquardt"),
-    "lfa35": Recipe("lfa35", ("lfa35_{dof}_*",), "levenberg_marquardt"),
-    "lfa85": Recipe("lfa85", ("lfa85_{dof}_*",), "levenberg_marquardt"),
-}
-"""What the nets of Table I take, by family in our names: geometric moments, 24 eigenfeatures, the
-pose-image covariance, and local features from 35 and from 85 eigenvectors."""
+NETS = "levenberg_marquardt"
 
-FAMILIES = tuple(RECIPES)
 
-FAMILY_TITLES = {
-    "gm": "GM",
-    "pca": "PCA",
-    "pci": "PCI",
-    "lfa35": "LFA (35 ev)",
-    "lfa85": "LFA (85 ev)",
+@dataclass(frozen=True)
+class PaperFamily:
+    """A family of features of Table I.
+
+    Parameters
+    ----------
+    title : str
+        The paper's.
+    recipe : Recipe
+        What its nets take.
+    prefix : str
+        Of the names of its features.
+    sign : str
+        Stands before their names, so that families differ without colour too.
+    color, marker : str
+        In charts.
+    name : str, optional
+        In words; that of the catalogue by default.
+    """
+
+    title: str
+    recipe: Recipe
+    prefix: str
+    sign: str
+    color: str
+    marker: str
+    name: str = ""
+
+    @property
+    def words(self) -> str:
+        """What it is called in full."""
+        return self.name or title_of(str(self.recipe.features))
+
+    @property
+    def style(self) -> dict[str, str]:
+        """How a chart shows it."""
+        return {"color": self.color, "marker": self.marker}
+
+
+FAMILIES = {
+    "gm": PaperFamily("GM", Recipe("moments", regressor=NETS), "", "●", "#12314f", "o"),
+    "pca": PaperFamily(
+        "PCA", Recipe("eigenfeatures", ("e_[01]?", "e_2[0-3]"), NETS), "e", "□", "#7f97ab", "s"
+    ),
+    "pci": PaperFamily(
+        "PCI", Recipe("pose_covariance", regressor=NETS), "pci", "▲", "#b3501e", "^"
+    ),
+    **{
+        f"lfa{n}": PaperFamily(
+            f"LFA ({n} ev)",
+            Recipe(f"lfa{n}", (f"lfa{n}_{{dof}}_*",), NETS),
+            f"lfa{n}",
+            "◆",
+            *look,
+            name=f"{title_of('lfa')}, {n} eigenvectors",
+        )
+        for n, look in ((35, ("#9aa58c", "D")), (85, ("#55624a", "v")))
+    },
 }
+"""The families of Table I: geometric moments, 24 eigenfeatures, the pose-image covariance, and
+local features from 35 and from 85 eigenvectors."""
+
+
+def family_of(feature: str) -> str:
+    """The family of a feature, by the beginning of its name.
+
+    Examples
+    --------
+    >>> [family_of(name) for name in ("theta_50", "e_07", "pci_rz", "lfa35_tx_00")]
+    ['gm', 'pca', 'pci', 'lfa35']
+    """
+    prefix = feature.split("_")[0]
+    return next((name for name, family in FAMILIES.items() if family.prefix == prefix), "gm")
+
 
 _COLUMNS = ("rz", "rx", "ry", "tz", "tx", "ty")
 

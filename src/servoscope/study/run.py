@@ -21,18 +21,21 @@ from servoscope.pipeline import FeatureTable
 from servoscope.poses import DISPLACEMENTS, DOFS
 from servoscope.progress import ProgressBar, no_progress
 from servoscope.regression import PoseRegressor
-from servoscope.study.assessment import Assessment, assess_features, rankings_as_csv
-from servoscope.study.chance import measure_chance
+from servoscope.storage.run_folder import RunFolder, read_arrays, read_json
 from servoscope.study.config import N_EIGENVECTORS, StudyConfig, check_n_images
 from servoscope.study.feature_tables import (
     FeaturePictures,
     compute_feature_table,
     study_table,
 )
-from servoscope.study.networks import plan_sweeps, train_study_nets
+from servoscope.study.information import (
+    Assessment,
+    assess_features,
+    measure_chance,
+    rankings_as_csv,
+)
+from servoscope.study.networks import choose_best, plan_sweeps, summarise, train_study_nets
 from servoscope.study.paper import FAMILIES
-from servoscope.study.run_folder import RunFolder, read_arrays, read_json
-from servoscope.study.summary import choose_best, summarise
 
 Unit = tuple[str, str]
 """A protocol and a displacement form."""

@@ -1,0 +1,245 @@
+"""What an assessment found, as pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from servoscope.poses import DOF_LABELS
+from servoscope.report.figure import (
+    ACCENT,
+    DOF_STYLES,
+    INK,
+    MUTED,
+    SMALL,
+    Caption,
+    FigureOrder,
+    dress,
+    new_axes,
+)
+
+Rows = Mapping[str, Mapping[str, Any]]
+
+CAPTIONS = {
+    "reach": Caption(
+        "What each degree of freedom reaches",
+        "RMS errors as shares of the error of predicting the mean, which is the dashed line: "
+        "the forecast with its 90 % interval, what a trained model reached on test images, and "
+        "what is asked for. Below each stands the forecast.",
+        "A chart of forecast errors, reached ones and tolerances by degree of freedom.",
+    ),
+    "budgets": Caption(
+        "Where the error comes from",
+        "Shares of the squared error of each degree of freedom. Too few images: what ten times as "
+        "many would take away; weak features: what is left.",
+        "Stacked bars, one for each degree of freedom, of shares of the squared error.",
+    ),
+    "behind": Caption(
+        "More images, and how good forecasts are",
+        "Left: forecast errors with 1, 2, 5 and 10 times the images. Right: forecast against "
+        "reached errors, one mark for each family and degree of freedom; dotted lines are at 0.75 "
+        "and 1.33. Errors are shares of the error of predicting the mean; translations are "
+        "dark.",
+        "A chart of errors against numbers of images, and one of reached against forecast errors.",
+    ),
+}
+
+SHARES = {
+    "noise": ("pixel noise", "#1c2733", ""),
+    "pose_labels": ("pose labels", "#6b7782", "...."),
+    "too_few_images": ("too few images", "#b3501e", "////"),
+    "regressor": ("regressor", "#e3b98a", "xxxx"),
+    "weak_features": ("weak features", "#f1efea", ""),
+}
+"""Each share has its own hatch, so that colour is never needed to tell them apart."""
+
+
+def moving(rows: Rows) -> list[str]:
+    """The dofs that have a forecast."""
+    return [dof for dof, row in rows.items() if row["forecast_rms"] is not None]
+
+
+def plot_reach(rows: Rows, *, ax: Axes | None = None) -> Axes:
+    """Forecast with its interval, what was measured and what is asked for, by dof.
+
+    Parameters
+    ----------
+    rows : dict
+        The decision by dof. Errors are drawn as shares of the error of predicting the mean.
+    """
+    ax = new_axes() if ax is None else ax
+    dofs = moving(rows)
+    places = list(range(len(dofs)))
+    for place, dof in zip(places, dofs, strict=True):
+        row = rows[dof]
+        unit = row["baseline_rms"] or 1.0
+        low, high = (max(end / unit, 1e-4) for end in row["interval"])
+        first = place == 0
+        ax.plot([place, place], [low, high], color=INK, linewidth=5, alpha=0.25, zorder=1)
+        ax.plot(place, row["forecast_rms"] / unit, "o", color=INK, label=first * "forecast (90 %)")
+        ax.plot(place, row["reached_rms"] / unit, "x", color=ACCENT, label=first * "measured")
+        if row["tolerance"] is not None:
+            ax.plot(
+                place, row["tolerance"] / unit, "_", color=INK, markersize=16, label="tolerance"
+            )
+    ax.axhline(1.0, color=MUTED, linewidth=0.8, linestyle="--")
+    ax.set_yscale("log")
+    dress_log(ax, ylabel="RMS error [of that of the mean]")
+    ax.set_xticks(places, [_below(dof, rows[dof]) for dof in dofs])
+    ax.set_xlim(-0.5, len(dofs) - 0.5)
+    handles, labels = ax.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    unique.pop("", None)
+    ax.legend(unique.values(), unique.keys(), **LEGEND)
+    return ax
+
+
+def plot_budgets(rows: Rows, *, ax: Axes | None = None) -> Axes:
+    """Shares of each dof's squared error, stacked."""
+    ax = new_axes() if ax is None else ax
+    dofs = moving(rows)
+    places = np.arange(len(dofs))[::-1]
+    left = np.zeros(len(dofs))
+    for name, (label, colour, hatch) in SHARES.items():
+        widths = np.array([100 * rows[dof]["budget"][name] for dof in dofs])
+        ax.barh(
+            places,
+            widths,
+            left=left,
+            height=0.7,
+            label=label,
+            facecolor=colour,
+            hatch=hatch,
+            edgecolor=INK,
+            linewidth=0.5,
+        )
+        left += widths
+    dress(ax, xlabel="share of the squared error [%]")
+    ax.set_yticks(places, [DOF_LABELS[dof] for dof in dofs])
+    ax.set_xlim(0, 100)
+    ax.legend(**LEGEND)
+    return ax
+
+
+def plot_learning_curves(rows: Rows, *, ax: Axes | None = None) -> Axes:
+    """Error of each dof against the number of images, from those there are on."""
+    ax = new_axes() if ax is None else ax
+    for dof in moving(rows):
+        curve, unit = rows[dof]["learning_curve"], rows[dof]["baseline_rms"] or 1.0
+        errors = np.array(curve["rms"]) / unit
+        style: dict[str, Any] = {**DOF_STYLES[dof], "linewidth": 1.0, "markersize": 4}
+        ax.plot(curve["n_images"], errors, label=dof, **style)
+    ax.set(xscale="log", yscale="log")
+    dress_log(ax, xlabel="images to learn from", ylabel="RMS error [of that of the mean]")
+    ax.minorticks_off()
+    counts = sorted({n for dof in moving(rows) for n in rows[dof]["learning_curve"]["n_images"]})
+    ax.set_xticks(counts, [f"{n}" for n in counts])
+    ax.legend(**LEGEND)
+    return ax
+
+
+def plot_validation(families: Mapping[str, Any], rows: Rows, *, ax: Axes | None = None) -> Axes:
+    """Forecast against reached error, one mark for each candidate and dof.
+
+    Parameters
+    ----------
+    families : dict
+        What each candidate was forecast to reach and reached.
+    rows : dict
+        The decision by dof; errors are shares of the error of predicting the mean.
+    """
+    ax = new_axes() if ax is None else ax
+    for dof in moving(rows):
+        unit = rows[dof]["baseline_rms"] or 1.0
+        pairs = np.array(
+            [
+                (family["dofs"][dof]["forecast_rms"], family["dofs"][dof]["reached_rms"])
+                for family in families.values()
+                if family["dofs"][dof]["reached_rms"] is not None
+            ]
+        ).reshape(-1, 2)
+        ax.plot(
+            *(pairs / unit).T,
+            linestyle="",
+            markersize=4,
+            label=dof,
+            alpha=0.8,
+            **DOF_STYLES[dof],
+        )
+    ends = np.array([0.5 * min(ax.get_xlim()[0], ax.get_ylim()[0]), 2.0])
+    ends[0] = max(ends[0], 1e-3)
+    for factor, style in ((1.0, "-"), (0.75, ":"), (1.33, ":")):
+        ax.plot(ends, ends / factor, color=MUTED, linewidth=0.8, linestyle=style, zorder=0)
+    ax.set(xscale="log", yscale="log", xlim=ends, ylim=ends)
+    dress_log(ax, xlabel="forecast [of the mean's error]", ylabel="reached [of the mean's error]")
+    ax.legend(**LEGEND)
+    return ax
+
+
+LEGEND: dict[str, Any] = {
+    "fontsize": SMALL,
+    "ncols": 6,
+    "frameon": False,
+    "loc": "lower left",
+    "bbox_to_anchor": (0, 1.0),
+    "columnspacing": 1.2,
+    "handletextpad": 0.4,
+}
+
+
+def dress_log(ax: Axes, *, xlabel: str = "", ylabel: str = "") -> Axes:
+    """The quiet look for axes with logarithms, whose ticks are their own."""
+    words: dict[str, Any] = {"fontsize": SMALL, "color": INK, "labelpad": 2}
+    ax.set_xlabel(xlabel, **words)
+    ax.set_ylabel(ylabel, **words)
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.tick_params(which="both", labelsize=SMALL - 0.5, width=0.6, colors=MUTED, labelcolor=INK)
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        ax.spines[side].set(linewidth=0.6, color=MUTED)
+    return ax
+
+
+def draw_reach(rows: Rows) -> Figure:
+    """Forecast, measured and asked-for errors of all dofs."""
+    figure = Figure(figsize=(9.6, 3.2), facecolor="white")
+    plot_reach(rows, ax=figure.add_axes((0.07, 0.16, 0.92, 0.74)))
+    return figure
+
+
+def draw_budgets(rows: Rows) -> Figure:
+    """The error budgets of all dofs."""
+    figure = Figure(figsize=(9.6, 2.6), facecolor="white")
+    plot_budgets(rows, ax=figure.add_axes((0.05, 0.16, 0.93, 0.72)))
+    return figure
+
+
+def draw_behind(families: Mapping[str, Any], rows: Rows) -> Figure:
+    """Learning curves, and forecast against reached errors."""
+    figure = Figure(figsize=(9.6, 3.8), facecolor="white")
+    plot_learning_curves(rows, ax=figure.add_axes((0.07, 0.12, 0.50, 0.78)))
+    plot_validation(families, rows, ax=figure.add_axes((0.67, 0.12, 0.31, 0.78)))
+    return figure
+
+
+def list_figures(assessed: Mapping[str, Any]) -> list[FigureOrder]:
+    """The figures of an assessment; none where nothing has a forecast."""
+    rows = assessed["dofs"]
+    if not moving(rows):
+        return []
+    draw: dict[str, Callable[[], Figure]] = {
+        "reach": partial(draw_reach, rows),
+        "budgets": partial(draw_budgets, rows),
+        "behind": partial(draw_behind, assessed["families"], rows),
+    }
+    return [FigureOrder(kind, CAPTIONS[kind], drawing) for kind, drawing in draw.items()]
+
+
+def _below(dof: str, row: Mapping[str, Any]) -> str:
+    return f"{DOF_LABELS[dof]}\n{row['forecast_rms']:.2g} {row['unit']}"

@@ -1,1 +1,0 @@
-"""The figures of a report, by kind; nothing here writes a file but `catalogue`."""

@@ -1,0 +1,113 @@
+"""A page: one HTML file that needs neither a network nor the rest of its folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from servoscope.files import write_text
+from servoscope.report.table import Table
+
+CONTENTS_FROM = 5
+"""A page of so many sections lists them after the first."""
+
+
+class Shown(Protocol):
+    """A part of a page: a table, a figure, or `Markup`."""
+
+    def __html__(self) -> Markup:
+        """HTML, in which every value is escaped."""
+
+
+Part = str | Shown
+"""A string is a paragraph."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of a page.
+
+    Parameters
+    ----------
+    title : str
+    parts : sequence of str, Table, FigureFile or Markup
+    name : str
+        Of its place on the page.
+    """
+
+    title: str
+    parts: Sequence[Part]
+    name: str = ""
+
+
+def write_page(
+    path: Path, title: str, sections: Sequence[Section], *, kind: str, lead: str
+) -> Path:
+    """Write a page, whole or not at all; every value is escaped.
+
+    Parameters
+    ----------
+    path : Path
+    title : str
+    sections : sequence of Section
+    kind : str
+        What wrote it.
+    lead : str
+        What it says, in a sentence.
+    """
+    environment = Environment(
+        loader=PackageLoader("servoscope.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    facts: dict[str, Any] = {"title": title, "kind": kind, "lead": lead}
+    shown = [(section, [as_html(part) for part in section.parts]) for section in sections]
+    facts |= {"sections": shown, "contents_from": CONTENTS_FROM}
+    write_text(path, environment.get_template("page.html").render(facts))
+    return path
+
+
+def as_html(part: Part) -> Markup:
+    """A part of a page; a string as a paragraph."""
+    return part.__html__() if hasattr(part, "__html__") else paragraph(part)
+
+
+def paragraph(text: str, style: str = "") -> Markup:
+    """A paragraph, with classes of the style sheet."""
+    return (
+        Markup('<p class="{}">{}</p>').format(style, text)
+        if style
+        else Markup("<p>{}</p>").format(text)
+    )
+
+
+def heading(text: str) -> Markup:
+    """A heading within a section."""
+    return Markup("<h3>{}</h3>").format(text)
+
+
+def bullets(items: Iterable[str]) -> Markup:
+    """A list."""
+    return Markup("<ul>\n{}\n</ul>").format(
+        Markup("\n").join(map(Markup("<li>{}</li>").format, items))
+    )
+
+
+def pairs(tables: Mapping[str, Iterable[tuple[str, Any]]]) -> Markup:
+    """Tables of names and values side by side, by what they are of."""
+    shown = [
+        Table(["", ""], [(name, _shown(value)) for name, value in rows], title, style="pairs")
+        for title, rows in tables.items()
+    ]
+    return Markup('<div class="columns">\n{}\n</div>').format(Markup("\n").join(shown))
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.2f}" if isinstance(value, float) else str(value)

@@ -1,0 +1,307 @@
+"""The report of a run: one HTML file, written from the run folder alone."""
+
+from __future__ import annotations
+
+import platform
+import shlex
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+
+from servoscope import __version__
+from servoscope.assessment.figures import list_figures as assessment_figures
+from servoscope.assessment.page import assessment_section
+from servoscope.poses import DISPLAY_UNITS, DOF_LABELS, DOFS
+from servoscope.report.figure import FigureFile, draw_figures
+from servoscope.report.page import Part, Section, bullets, heading, pairs, paragraph, write_page
+from servoscope.report.table import Cell, Table, write_tables
+from servoscope.study.agreement import (
+    Finding,
+    compare_with_paper,
+    explain_differences,
+    stands_in_for_paper,
+)
+from servoscope.study.figures import list_figures
+from servoscope.study.results import RunData, Unit, read_run
+from servoscope.study.tables import criteria_table, errors_table, has_chance, study_tables
+from servoscope.study.verdict import (
+    describe_accuracy,
+    describe_chance,
+    describe_criteria,
+    describe_forecasts,
+)
+
+FIGURE_KINDS = ("eigenvectors", "pci", "covariance", "filtered", "lfa", "best", "plane", "sweep")
+
+VERDICTS = {"yes": Cell("yes", mark="best"), "no": Cell("no", mark="missed")}
+
+Figures = Mapping[str, FigureFile]
+
+
+def write_report(run: Path, *, n_jobs: int = -1) -> Path:
+    """Write ``report.html``, ``tables.tex`` and ``figures/`` into a run folder.
+
+    Parameters
+    ----------
+    run : Path
+        A finished run folder.
+    n_jobs : int
+        Processes that draw figures, as joblib counts them; all cores by default.
+
+    Returns
+    -------
+    Path
+        The report: one file that needs neither a network nor the rest of the folder.
+
+    Raises
+    ------
+    RunFolderError
+        If it is not a run folder, not finished, damaged, or was written by another version.
+    """
+    run = Path(run)
+    data = read_run(run)
+    orders = assessment_figures(data.assessed) if data.assessed else []
+    files = draw_figures([*orders, *list_figures(data)], run / "figures", n_jobs=n_jobs)
+    n_bins = data.settings.get("n_bins")
+    tables = [table for unit in data.units for table in study_tables(unit, n_bins)]
+    if tables:
+        write_tables(run / "tables.tex", tables)
+    return write_run_page(run / "report.html", data, files)
+
+
+def write_run_page(path: Path, run: RunData, files: list[FigureFile]) -> Path:
+    """Write the page of a run whose figures are drawn."""
+    figures = {file.name: file for file in files}
+    name = name_data_set(run.summary["dataset"]["source"])
+    height, width = run.summary["dataset"]["image_shape"]
+    n_images = f"{run.summary['dataset']['n_images']} images of {width} × {height} px"
+    sections = []
+    if run.assessed is not None:
+        shown = [figures[f"{kind}"] for kind in ("reach", "budgets", "behind") if kind in figures]
+        sections.append(assessment_section(run.assessed, shown))
+        lead = (
+            "How accurately each degree of freedom of the camera can be read from an image, what "
+            f"limits it, and what would help: {n_images} at known displacements."
+        )
+    else:
+        lead = (
+            "Which image features inform how far a camera is from its reference view, and how "
+            f"accurately: {n_images} at known displacements, four families of features, one small "
+            "net for each degree of freedom."
+        )
+    sections += _study_sections(run, figures) if run.units else []
+    left_out = None if run.units else run.summary.get("study_left_out")
+    sections.append(_making(run, left_out))
+    kind = "study" if run.assessed is None else "assessment"
+    return write_page(path, f"{kind.capitalize()}: {name}", sections, kind=kind, lead=lead)
+
+
+def _study_sections(run: RunData, figures: Figures) -> list[Section]:
+    findings = compare_with_paper(run.summary)
+    sections = [_result(run, figures, findings), _agreement(run, findings)]
+    if compared := run.summary.get("criteria"):
+        parts: list[Part] = [
+            f"{describe_criteria(compared)} Honest protocol, displacement about the pivot.",
+            criteria_table(compared),
+            figures["criteria"],
+        ]
+        if forecasts := describe_forecasts(compared["forecasts"]):
+            parts.append(forecasts)
+        sections.append(Section("Criteria of selection side by side", parts, "criteria"))
+    sections.append(Section("The images", [figures["slices"]], "images"))
+    return [*sections, *(_unit_section(run, unit, figures) for unit in run.units)]
+
+
+def _result(run: RunData, figures: Figures, findings: list[Finding]) -> Section:
+    unit = run.units[0]
+    verdicts = [finding.verdict for finding in findings]
+    published = (
+        "of a real cylinder head under the same poses."
+        if stands_in_for_paper(run.summary)
+        else "of other images and give a scale only."
+    )
+    hold = Markup(
+        '<p class="quiet">{}. The published numbers are {} {} of {} statements of the paper hold '
+        'here, {} hold in part: <a href="#agreement">what agrees with the paper</a>.</p>'
+    ).format(unit.title, published, verdicts.count("yes"), len(verdicts), verdicts.count("partly"))
+    verdict = Markup("\n").join([*map(paragraph, describe_accuracy(unit)), hold])
+    beside = Markup('<div class="beside">\n{}\n<div class="verdict">\n{}\n</div>\n</div>')
+    title = "The result" if run.assessed is None else "The paper's study"
+    reference = beside.format(figures["reference"], verdict)
+    return Section(title, [reference, errors_table(unit, "result"), figures["errors"]], "result")
+
+
+def _agreement(run: RunData, findings: list[Finding]) -> Section:
+    intro = (
+        "Statements of Wells and Torras, Assessing Image Features for Vision-Based Robot "
+        "Positioning (2001), against the numbers of this run."
+    )
+    if not stands_in_for_paper(run.summary):
+        intro += (
+            " The images are not those of the paper's scene: only its general statements are "
+            "compared."
+        )
+    table = Table(
+        ["The paper says", "Here", "Numbers"],
+        [
+            [
+                finding.claim,
+                VERDICTS.get(finding.verdict, Cell(finding.verdict, mark="partly")),
+                "\n".join(finding.evidence),
+            ]
+            for finding in findings
+        ],
+        "",
+        "Each statement, and whether this run bears it out.",
+        align="l",
+        style="findings",
+    )
+    reasons = bullets(explain_differences(run.summary))
+    parts: list[Part] = [intro, table, heading("Why they may differ"), reasons]
+    return Section("What agrees with the paper and what does not", parts, "agreement")
+
+
+def _unit_section(run: RunData, unit: Unit, figures: Figures) -> Section:
+    errors, ranking, subsets, information, *others = study_tables(unit, run.settings.get("n_bins"))
+    names = [f"{unit.key}_{kind}" for kind in FIGURE_KINDS]
+    parts: list[Part] = [_protocol(run, unit)]
+    parts += [heading("Errors by family"), errors, heading("Selected features"), ranking]
+    parts += [heading("Minimum subsets"), subsets, heading("Figures")]
+    parts += [figures[name] for name in names if name in figures]
+    parts += [heading("Mutual information"), information]
+    if has_chance(unit.results):
+        parts += [heading("Chance in the redundancy"), describe_chance(unit.results)]
+        parts += [others[0], figures[f"{unit.key}_redundancy"]]
+    return Section(unit.title, [*parts, heading("Numbers of bins"), others[-1]], unit.name)
+
+
+def _protocol(run: RunData, unit: Unit) -> str:
+    n, dataset = unit.results["n_images"], run.summary["dataset"]
+    if unit.protocol == "honest":
+        said = (
+            f"{n['train']} images train, {n['validation']} decide when training stops and which "
+            f"subset is best, and {n['test']} test; nothing is fitted to or decided on the test "
+            "images."
+        )
+    else:
+        said = (
+            f"As published: {n['train']} images train; {n['test']} others both decide and test, so "
+            "that the errors are flattered."
+        )
+    split = "by blocks of time" if dataset["split"] == "blocks" else "at random"
+    about = (
+        f"about a point {dataset['pivot_mm']:.0f} mm ahead on the optical axis"
+        if unit.displacement == "pivot"
+        else "about the camera, so that rotating about the pivot also moves it sideways"
+    )
+    ranges = ", ".join(
+        f"{DOF_LABELS[dof]} none (it never moves)"
+        if of["value"] is None
+        else f"{DOF_LABELS[dof]} ±{of['value']:.4g} {of['unit']}"
+        for dof, of in ((dof, unit.results["ranges"][dof]) for dof in DOFS)
+    )
+    return (
+        f"{said} Images are split {split}. Displacements are taken {about}; the ranges that errors "
+        f"are divided by are {ranges}."
+    )
+
+
+def _making(run: RunData, left_out: str | None) -> Section:
+    parts: list[Part] = []
+    if left_out is not None:
+        said = f"The study of Wells and Torras (2001) is left out. {left_out}"
+        parts.append(paragraph(said, "quiet"))
+    if command := describe_command(run.settings):
+        code = Markup("<pre><code>{}</code></pre>").format(command)
+        parts += ["To make the run again:", code]
+    packages = ("numpy", "scipy", "scikit-learn", "matplotlib")
+    versions = {
+        "servoscope, the run": run.summary.get("servoscope", "unknown"),
+        "servoscope, this page": __version__,
+        "Python": platform.python_version(),
+        **{package: version(package) for package in packages},
+    }
+    timings = {name.replace("_", " "): float(s) for name, s in run.summary["timings_s"].items()}
+    timings["total"] = timings.pop("total")
+    tables = {
+        "Time by stage [s]": timings.items(),
+        "Settings": flatten(run.settings),
+        "Data set": flatten(run.summary["dataset"]["source"]),
+        "Versions": versions.items(),
+    }
+    return Section("How it was made", [*parts, pairs(tables)], "making")
+
+
+def name_data_set(source: dict[str, Any]) -> str:
+    """What the images are of, or the folder that they came from.
+
+    Examples
+    --------
+    >>> name_data_set({"format": "tum", "folder": "/data/desk"})
+    'desk'
+    """
+    folder = Path(str(source.get("folder", ""))).name
+    return str(source.get("kind") or folder or "a data set")
+
+
+def describe_command(settings: dict[str, Any]) -> str | None:
+    """The command line that makes the run again, if a command made it."""
+    options: dict[str, Any] = {"seed": settings.get("seed", 0)}
+    acquisition = settings.get("acquisition", {})
+    if settings.get("command") == "study":
+        words = ["servoscope", "study"]
+        options |= {f"n-{k}" if k == "images" else k: v for k, v in _images(acquisition).items()}
+    elif settings.get("command") == "assess":
+        words = ["servoscope", "assess", str(settings.get("dataset"))]
+        options |= _asked(settings)
+    else:
+        return None
+    protocols = settings.get("protocols", [])
+    options["protocol"] = protocols[0] if len(protocols) == 1 else "both"
+    for option, value in options.items():
+        words += [f"--{option}", str(value)]
+    if settings.get("study"):
+        words.append("--study")
+    return shlex.join(words)
+
+
+def flatten(values: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """Nested settings as rows of a table.
+
+    Examples
+    --------
+    >>> flatten({"seed": 0, "camera": {"width": 64}})
+    [('seed', '0'), ('camera.width', '64')]
+    """
+    rows: list[tuple[str, str]] = []
+    for key, value in values.items():
+        if isinstance(value, dict):
+            rows += flatten(value, f"{prefix}{key}.")
+        elif isinstance(value, list):
+            rows.append((f"{prefix}{key}", ", ".join(map(str, value))))
+        else:
+            rows.append((f"{prefix}{key}", str(value)))
+    return rows
+
+
+def _asked(settings: dict[str, Any]) -> dict[str, str]:
+    """What an assessment was asked for besides its data set."""
+    options = {}
+    for option in ("tolerance", "pose_error"):
+        if settings.get(option):
+            options[option.replace("_", "-")] = ",".join(
+                f"{dof}={value:g}{DISPLAY_UNITS[DOFS.index(dof)]}"
+                for dof, value in settings[option].items()
+            )
+    if settings.get("families"):
+        options["families"] = ",".join(settings["families"])
+    if settings.get("regressor", "gaussian_process") != "gaussian_process":
+        options["regressor"] = settings["regressor"]
+    return options
+
+
+def _images(acquisition: dict[str, Any]) -> dict[str, Any]:
+    return {"images": acquisition.get("n_images"), "image-size": acquisition.get("image_size")}
