@@ -69,7 +69,8 @@ def write_page(
     )
     facts: dict[str, Any] = {"title": title, "kind": kind, "lead": lead}
     shown = [(section, [as_html(part) for part in section.parts]) for section in sections]
-    facts |= {"sections": shown, "contents_from": CONTENTS_FROM}
+    is_sortable = any('<table class="sortable' in part for _, parts in shown for part in parts)
+    facts |= {"sections": shown, "contents_from": CONTENTS_FROM, "is_sortable": is_sortable}
     write_text(path, environment.get_template("page.html").render(facts))
     return path
 

@@ -34,6 +34,7 @@ PARTS = (
     "criteria.json",
     "assessment.json",
     "report.html",
+    "tables.tex",
     "scoreboard.json",
     "scoreboard.md",
     "sensitivity.json",
