@@ -26,7 +26,7 @@ COVERINGS = {"robust_copies_8": (0.08, 0.12, 1.0), "robust_copies_5": (0.05, 0.1
 
 Array = np.ndarray
 Columns = Callable[[Array, Array, int], Array]
-"""Which features tell a dof, given those of the training images, its targets and its number."""
+"""Which features serve a dof, given those of the training images, its targets and its number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +85,6 @@ def _transformers(n: int, image_shape: tuple[int, int]) -> dict[str, ImageTransf
             n_eigenvectors, n_per_dof=LFA_PER_DOF, window=lfa_window(image_shape)
         ),
         "tchebichef": sv.TchebichefMoments(),
-        "cosine": sv.CosineCoefficients(),
-        "fourier": sv.FourierFeatures(),
-        "whitened_covariance": sv.WhitenedPoseCovariance(),
         "lfa_covariance": sv.LocalFeatureCovariance(min(85, n // 3)),
     }
     return tried | others

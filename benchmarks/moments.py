@@ -10,8 +10,7 @@ from skimage.measure import moments as skimage_moments
 
 from benchmarks.scenery import displaced_images
 from benchmarks.timing import Contender, Table, race
-from servoscope.features.moments import PAPER_SLICES
-from servoscope.features.raw_moments import ORDERS, compute_raw_moments
+from servoscope.features.moments import ORDERS, PAPER_SLICES, compute_raw_moments
 
 
 def tables(quick: bool) -> Iterator[Table]:

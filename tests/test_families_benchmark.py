@@ -51,7 +51,7 @@ def test_gain_changes_normalised_families_little_and_sliced_moments_much(page):
         name: float(cells[0].split()[0])
         for name, cells in table(page, "What a disturbance does to the worst dof").items()
     }
-    assert worst["cosine"] < 1.5
+    assert worst["projections"] < 1.5
     assert worst["intensity"] < 1.5
     assert worst["moments"] > 2
 
@@ -62,5 +62,5 @@ def test_what_disturbs_is_shown_beside_the_same_clean_error(page):
     assert {name: float(cells[0]) for name, cells in disturbed.items()} == pytest.approx(
         clean, abs=6e-4
     )
-    for name in ("cosine", "intensity"):
+    for name in ("projections", "intensity"):
         assert float(disturbed[name][6]) > 1.4 * clean[name]

@@ -2,9 +2,7 @@ from .acquisition import AcquisitionConfig as AcquisitionConfig
 from .acquisition import acquire as acquire
 from .data.images import PoseImageSet as PoseImageSet
 from .errors import ServoscopeError as ServoscopeError
-from .features import CosineCoefficients as CosineCoefficients
 from .features import Eigenfeatures as Eigenfeatures
-from .features import FourierFeatures as FourierFeatures
 from .features import GeometricMoments as GeometricMoments
 from .features import GradientMoments as GradientMoments
 from .features import ImageBasis as ImageBasis
@@ -17,7 +15,6 @@ from .features import PoseImageCovariance as PoseImageCovariance
 from .features import PoseLeastSquares as PoseLeastSquares
 from .features import RobustMoments as RobustMoments
 from .features import TchebichefMoments as TchebichefMoments
-from .features import WhitenedPoseCovariance as WhitenedPoseCovariance
 from .features import compute_image_basis as compute_image_basis
 from .formats import ImportOptions as ImportOptions
 from .formats import TumOptions as TumOptions

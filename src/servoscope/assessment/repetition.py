@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.features.shrinking import shrink
+from servoscope.features.cells import shrink
 
 LONGER_SIDE = 128
 """The image is made this small first, [px]."""

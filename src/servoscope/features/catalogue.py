@@ -11,17 +11,17 @@ from dataclasses import dataclass
 from typing import Any
 
 from servoscope.errors import InvalidInputError
+from servoscope.features.cell_moments import GradientMoments, IntensityMoments
 from servoscope.features.eigenfeatures import Eigenfeatures
-from servoscope.features.gradient_moments import GradientMoments
-from servoscope.features.intensity_moments import IntensityMoments
+from servoscope.features.fixed_projection import (
+    ImageProjections,
+    LogPolarFeatures,
+    TchebichefMoments,
+)
 from servoscope.features.lfa import LocalFeatureAnalysis
-from servoscope.features.log_polar import LogPolarFeatures
 from servoscope.features.moments import GeometricMoments
-from servoscope.features.partial_least_squares import PoseLeastSquares
-from servoscope.features.pose_covariance import PoseImageCovariance
-from servoscope.features.projections import ImageProjections
+from servoscope.features.pose_covariance import PoseImageCovariance, PoseLeastSquares
 from servoscope.features.robust_moments import RobustMoments
-from servoscope.features.tchebichef import TchebichefMoments
 from servoscope.plugins import Registry
 from servoscope.wording import listing
 
@@ -109,7 +109,7 @@ FAMILIES: Registry[Family] = Registry(
     as_family,
 )
 """The families by name. Left out by default are LFA, which is behind the others in every
-measurement, and Tchebichef moments (docs/assessment.md)."""
+measurement, and Tchebichef moments (docs/features.md)."""
 
 
 def default_families() -> list[str]:

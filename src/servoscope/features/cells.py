@@ -1,15 +1,32 @@
-"""Cells that an image is divided into, and what lies in each of them."""
+"""Images made small, their slopes, and what lies in each cell of a grid."""
 
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import InvalidInputError
 
 Floats = NDArray[np.float32]
+
+
+def shrink(image: NDArray[Any], size: int) -> Floats:
+    """An image whose longer side is `size` pixels, or as it is if that is less, float32.
+
+    Examples
+    --------
+    >>> shrink(np.full((20, 40), 7, np.uint8), 10).shape
+    (5, 10)
+    """
+    scale = min(1.0, size / max(image.shape))
+    height, width = (max(1, round(scale * side)) for side in image.shape)
+    whole = image.astype(np.float32)
+    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
+
 
 _WIDTH = 0.6
 """Standard deviation of a cell's weights, in cells."""
@@ -63,3 +80,74 @@ def _weights(size: int, n_cells: int) -> Floats:
     away = (np.arange(size) + 0.5 - centres[:, None]) / (_WIDTH * size / n_cells)
     weights = np.exp(-0.5 * away**2)
     return (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
+
+
+N_DIRECTIONS = 8
+
+_BLUR = 0.8
+
+
+def normalised_slopes(image: NDArray[Any], size: int) -> Floats:
+    """Slopes of an image made small, over their magnitude and twice its mean.
+
+    Neither gain nor offset change them, and something that covers the view or shines changes only
+    those beside it, but for the mean.
+
+    Parameters
+    ----------
+    image : ndarray of shape (height, width)
+    size : int
+        Pixels along the longer side of what the slopes are taken of.
+
+    Returns
+    -------
+    ndarray of shape (2, rows, columns), float32
+        Along x and along y; 0 throughout an image without anything in it.
+    """
+    small = cv2.GaussianBlur(shrink(image, size), (0, 0), _BLUR)
+    slopes = np.empty((2, *small.shape), np.float32)
+    slopes[0], slopes[1] = cv2.Sobel(small, -1, 1, 0), cv2.Sobel(small, -1, 0, 1)
+    magnitude = np.hypot(slopes[0], slopes[1])
+    return divided(slopes, magnitude, 2 * magnitude.mean())
+
+
+def orientation_cells(image: NDArray[Any], size: int, n_cells: int) -> Floats:
+    """How much slope there is in each of 8 directions about each cell of an image.
+
+    Each of the `normalised_slopes` counts for the directions within 90 degrees of its own by the
+    squared cosine, and for cells by a Gaussian. What comes back is the square root of each share
+    in the whole, so that all of them together have unit length.
+
+    Parameters
+    ----------
+    image : ndarray of shape (height, width)
+    size : int
+        Pixels along the longer side of what the slopes are taken of.
+    n_cells : int
+        Cells along either side.
+
+    Returns
+    -------
+    ndarray of shape (8, n_rows, n_columns), float32
+        Direction i is i times 45 degrees, from x, along the columns, towards y, down the rows.
+
+    Examples
+    --------
+    >>> ramp = np.arange(64, dtype=np.uint8) * np.ones((64, 1), np.uint8)
+    >>> orientation_cells(ramp, size=64, n_cells=3).sum(axis=(1, 2)).argmax()
+    np.int64(0)
+    """
+    slopes = normalised_slopes(image, size)
+    magnitude = np.maximum(np.hypot(slopes[0], slopes[1]), np.float32(1e-6))
+    angles = 2 * np.pi * np.arange(N_DIRECTIONS, dtype=np.float32) / N_DIRECTIONS
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    along = np.maximum(np.tensordot(directions, slopes, axes=1), 0)
+    pooled = np.maximum(pool_in_cells(along * along / magnitude, n_cells), 0)
+    total = pooled.sum()
+    return np.sqrt(pooled / total) if total > 0 else pooled
+
+
+def divided(values: Floats, scale: Floats, floor: np.floating) -> Floats:
+    """Values over their scale and a floor; 0 where both are."""
+    whole = np.broadcast_to(scale + np.float32(floor), values.shape)
+    return np.divide(values, whole, out=np.zeros_like(values), where=whole > 0)

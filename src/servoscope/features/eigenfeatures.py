@@ -1,18 +1,182 @@
-"""Eigenfeatures: projections of images onto their leading eigenvectors."""
+"""The leading eigenvectors of images, and eigenfeatures: projections onto them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import eigh
 
 from servoscope.errors import InvalidInputError
-from servoscope.features.image_basis import ImageBasis, fitted_basis
-from servoscope.features.learned_projection import LearnedProjection
-from servoscope.features.pixels import ImageShape
+from servoscope.features.image_transformer import ImageShape, check_finite, flatten_images
+from servoscope.features.linear_projection import LearnedProjection
+from servoscope.features.normalised_images import (
+    extremes_made_positive,
+    mean_and_gram,
+    rounding_variance,
+    sum_images,
+)
+from servoscope.processes import one_blas_thread
+
+
+@dataclass(frozen=True, eq=False)
+class ImageBasis:
+    """Mean and leading eigenvectors of brightness-normalised images.
+
+    Computed once by `compute_image_basis`, it can be given to every estimator that needs
+    eigenvectors. Its arrays are read-only, so copies of such an estimator share it.
+
+    Attributes
+    ----------
+    image_shape : (height, width)
+        [px].
+    eigenvalues : ndarray of shape (n_components,)
+        Of ``X X^T`` (eq. 10), not divided by the number of images; largest first.
+    mean : ndarray of shape (n_pixels,)
+    components : ndarray of shape (n_components, n_pixels)
+        Unit eigenvectors as rows; the entry of largest magnitude is positive.
+    """
+
+    image_shape: ImageShape
+    eigenvalues: NDArray[np.float64] = field(repr=False)
+    mean: NDArray[np.float64] = field(repr=False)
+    components: NDArray[Any] = field(repr=False)
+
+    def __post_init__(self) -> None:
+        for array in (self.eigenvalues, self.mean, self.components):
+            array.setflags(write=False)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> ImageBasis:
+        return self
+
+    def __len__(self) -> int:
+        return len(self.eigenvalues)
+
+    def leading(self, n_components: int) -> ImageBasis:
+        """The first eigenvectors only, sharing memory.
+
+        Raises
+        ------
+        InvalidInputError
+            If there are not so many.
+        """
+        check_n_components(n_components)
+        if n_components > len(self):
+            raise InvalidInputError(
+                f"n_components is {n_components}, but the basis has {len(self)} eigenvectors; "
+                "ask for fewer or compute a larger basis."
+            )
+        return ImageBasis(
+            self.image_shape,
+            self.eigenvalues[:n_components],
+            self.mean,
+            self.components[:n_components],
+        )
+
+
+def compute_image_basis(
+    images: Any, n_components: int, image_shape: ImageShape | None = None
+) -> ImageBasis:
+    """Mean and leading eigenvectors of images, normalised for brightness.
+
+    Parameters
+    ----------
+    images : array of shape (n_images, height, width) or (n_images, height * width)
+    n_components : int
+    image_shape : (height, width), optional
+        What flat images are; 1 x n_pixels by default.
+
+    Returns
+    -------
+    ImageBasis
+
+    Raises
+    ------
+    InvalidInputError
+        If the images, centred, have fewer independent ones than `n_components`.
+
+    Notes
+    -----
+    Eq. 8-11 of [1]_. ``X X^T`` is n_pixels x n_pixels; the snapshot method takes the eigenvectors
+    ``v`` of the n_images x n_images matrix ``X^T X`` instead, which has the same eigenvalues, and
+    ``e = X v / sqrt(lambda)``. Products of uint8 images are float32, summed in float64 over
+    blocks of pixels.
+
+    References
+    ----------
+    .. [1] G. Wells and C. Torras, "Assessing image features for vision-based robot positioning",
+       Journal of Intelligent and Robotic Systems 30 (2001), 95-118.
+
+    Examples
+    --------
+    >>> images = np.random.default_rng(0).integers(0, 256, (20, 8, 8), dtype=np.uint8)
+    >>> basis = compute_image_basis(images, n_components=3)
+    >>> basis.components.shape, basis.leading(2).eigenvalues.shape
+    ((3, 64), (2,))
+    """
+    check_n_components(n_components)
+    flat, image_shape = flatten_images(images, image_shape)
+    flat = np.asarray(flat)
+    check_finite(flat)
+    if n_components >= len(flat):
+        raise InvalidInputError(
+            f"{n_components} eigenvectors need at least {n_components + 1} images, got "
+            f"{len(flat)} (n_samples = {len(flat)}); lower n_components or take more images."
+        )
+    mean, gram = mean_and_gram(flat)
+    eigenvalues, vectors = _leading_eigenpairs(flat, gram, n_components)
+    components = sum_images(flat, mean, vectors / np.sqrt(eigenvalues))
+    return ImageBasis(image_shape, eigenvalues, mean, extremes_made_positive(components))
+
+
+def fitted_basis(
+    flat: NDArray[Any], n_components: int, image_shape: ImageShape, basis: ImageBasis | None
+) -> ImageBasis:
+    """The leading eigenvectors of a basis that was given, or else of the images.
+
+    Raises
+    ------
+    InvalidInputError
+        If the basis is of images of another size or has fewer than `n_components` eigenvectors.
+    """
+    if basis is None:
+        return compute_image_basis(flat, n_components, image_shape)
+    if basis.image_shape != image_shape:
+        raise InvalidInputError(
+            "The basis is of images of {} x {} (height x width), but the images are of "
+            "{} x {}; compute the basis from images of this size.".format(
+                *basis.image_shape, *image_shape
+            )
+        )
+    return basis.leading(n_components)
+
+
+def check_n_components(n_components: int) -> None:
+    """Raise `InvalidInputError` unless `n_components` is a whole number from 1."""
+    if not isinstance(n_components, int | np.integer) or n_components < 1:
+        raise InvalidInputError(
+            f"n_components must be a whole number from 1, got {n_components!r}."
+        )
+
+
+def _leading_eigenpairs(
+    flat: NDArray[Any], gram: NDArray[np.float64], n_components: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    n_images = len(gram)
+    with one_blas_thread():
+        eigenvalues, vectors = eigh(gram, subset_by_index=[n_images - n_components, n_images - 1])
+    eigenvalues, vectors = eigenvalues[::-1], vectors[:, ::-1]
+    n_independent = int(np.count_nonzero(eigenvalues > rounding_variance(flat, eigenvalues[0])))
+    if n_independent < n_components:
+        raise InvalidInputError(
+            f"{n_components} eigenvectors need {n_components + 1} independent images, but the "
+            f"{n_images} images, normalised and centred, have only {n_independent} directions in "
+            "which they vary; lower n_components or take images that differ more."
+        )
+    return eigenvalues.copy(), vectors
 
 
 class Eigenfeatures(LearnedProjection):

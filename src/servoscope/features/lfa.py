@@ -1,20 +1,20 @@
-"""Local feature analysis: outputs of local receptive fields where they covary with the pose."""
+"""Local feature analysis: outputs of local receptive fields, and their covariance with the pose."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
 from servoscope.errors import InvalidInputError
-from servoscope.features.image_basis import ImageBasis, fitted_basis
-from servoscope.features.image_transformer import ImageTransformer, target_names
-from servoscope.features.local_maxima import brightest_separate, filter_centre_weighted
-from servoscope.features.pixel_blocks import project_images
-from servoscope.features.pixels import ImageShape
+from servoscope.features.eigenfeatures import ImageBasis, fitted_basis
+from servoscope.features.image_transformer import ImageShape, ImageTransformer, target_names
+from servoscope.features.linear_projection import LearnedProjection
+from servoscope.features.normalised_images import project_images
 from servoscope.processes import one_blas_thread
 
 Array = NDArray[np.float64]
@@ -203,3 +203,195 @@ class LocalFeatureAnalysis(ImageTransformer):
         tags.target_tags.required = True
         tags.target_tags.multi_output = True
         return tags
+
+
+class LocalFeatureCovariance(LearnedProjection):
+    """Projections of the LFA output onto its covariance with each degree of freedom.
+
+    `LocalFeatureAnalysis` takes the output where this covariance is largest; these features take
+    it everywhere, weighted with the covariance. The paper calls them PCLFA.
+
+    Parameters
+    ----------
+    n_components : int
+        Number of eigenvectors that the receptive fields are made of.
+    image_shape : (height, width), optional
+        What flat images are; 1 x n_pixels by default.
+    basis : ImageBasis, optional
+        Eigenvectors computed before, of which the first `n_components` are used.
+
+    Attributes
+    ----------
+    components_ : ndarray of shape (n_targets, n_pixels)
+        What images are projected onto.
+    mean_ : ndarray of shape (n_pixels,)
+        Mean of the normalised training images.
+    image_shape_ : (height, width)
+    n_features_in_ : int
+        Pixels of an image.
+
+    Raises
+    ------
+    InvalidInputError
+        If there are fewer independent images than `n_components`, there are not as many
+        displacements as images, an image is not of the size seen in `fit`, or a number is not
+        finite.
+
+    Notes
+    -----
+    Eq. 15-18 of [1]_: the output is ``y = K^T x`` with ``K = E diag(lambda^-1/2) E^T`` (eq. 17),
+    its covariance with the displacements ``M = K^T X P`` (eq. 18, as `LocalFeatureAnalysis` has
+    it but not scaled), and the features are ``M^T y``. ``K`` acts twice in them:
+
+    ``M^T y = P^T X^T K K^T x = P^T X^T E diag(1 / lambda_i) E^T x``,
+
+    images being columns. So they are the least-squares estimate of the displacement from the
+    first eigenfeatures: the pseudo-inverse of the interaction matrix, cut off after `n_components`
+    eigenvectors.
+
+    References
+    ----------
+    .. [1] G. Wells and C. Torras, "Assessing image features for vision-based robot positioning",
+       Journal of Intelligent and Robotic Systems 30 (2001), 95-118.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> images = rng.integers(0, 256, (20, 8, 8), dtype=np.uint8)
+    >>> delta_p = rng.uniform(-1, 1, (20, 6))
+    >>> covariance = LocalFeatureCovariance(n_components=5).fit(images, delta_p)
+    >>> covariance.transform(images).shape
+    (20, 6)
+    >>> covariance.get_feature_names_out()[[0, 5]]
+    array(['pclfa_tx', 'pclfa_rz'], dtype=object)
+    """
+
+    def __init__(
+        self,
+        n_components: int = 85,
+        image_shape: ImageShape | None = None,
+        basis: ImageBasis | None = None,
+    ) -> None:
+        self.n_components = n_components
+        self.image_shape = image_shape
+        self.basis = basis
+
+    def fit(self, X: Any, y: Any) -> LocalFeatureCovariance:
+        """Compute the covariance of the LFA output with the displacements.
+
+        Parameters
+        ----------
+        X : array of shape (n_images, height, width) or (n_images, height * width)
+        y : array of shape (n_images, n_targets) or (n_images,)
+            Displacement of each image from the reference, [m] and [rad], in `DOFS` order if
+            there are six.
+
+        Returns
+        -------
+        LocalFeatureCovariance
+            Itself.
+        """
+        flat, delta_p = self._images_and_targets_to_fit(X, y)
+        basis = fitted_basis(flat, self.n_components, self.image_shape_, self.basis)
+        projections = project_images(flat, basis.mean, basis.components)
+        centred = delta_p - delta_p.mean(axis=0)
+        with one_blas_thread():
+            weights = (projections.T @ centred) / basis.eigenvalues[:, None]
+            weights = weights.astype(basis.components.dtype)
+            self.mean_, self.components_ = basis.mean, weights.T @ basis.components
+        return self
+
+    def _restore(self, mean: NDArray, components: NDArray) -> None:
+        self.mean_, self.components_ = mean, components
+
+    def _feature_names(self) -> list[str]:
+        return [f"pclfa_{name}" for name in target_names(len(self.components_))]
+
+
+def centre_weighted_mask(window: int) -> NDArray[np.float64]:
+    """Square mask of inverse distances to its centre, summing to 1.
+
+    Parameters
+    ----------
+    window : int
+        Side, [px]; even, so that the centre lies between pixels and no distance is 0.
+
+    Raises
+    ------
+    InvalidInputError
+        If the window is not an even number from 2.
+
+    Examples
+    --------
+    >>> centre_weighted_mask(2)
+    array([[0.25, 0.25],
+           [0.25, 0.25]])
+    """
+    if not isinstance(window, int | np.integer) or window < 2 or window % 2:
+        raise InvalidInputError(
+            "window must be an even number of pixels from 2, so that its centre lies between "
+            f"pixels, got {window!r}."
+        )
+    offsets = np.arange(window) - (window - 1) / 2
+    mask = 1 / np.hypot(offsets[:, None], offsets)
+    return mask / mask.sum()
+
+
+def filter_centre_weighted(image: NDArray[Any], window: int) -> NDArray[np.float64]:
+    """Mean of the subwindow around each pixel, weighted by `centre_weighted_mask`.
+
+    The value at (row, column) is of the subwindow of rows ``row - window / 2`` to
+    ``row + window / 2 - 1`` and columns likewise; what it covers beyond the border counts as 0.
+
+    Examples
+    --------
+    >>> filter_centre_weighted(np.ones((2, 3)), window=2)
+    array([[0.25, 0.5 , 0.5 ],
+           [0.5 , 1.  , 1.  ]])
+    """
+    mask = centre_weighted_mask(window)
+    image = np.asarray(image, dtype=np.float64)
+    filtered = cv2.filter2D(image, cv2.CV_64F, mask, borderType=cv2.BORDER_CONSTANT)
+    return filtered.astype(np.float64, copy=False)
+
+
+def brightest_separate(image: NDArray[Any], n: int, window: int) -> NDArray[np.intp]:
+    """The brightest pixels that are centres of subwindows which do not overlap.
+
+    Parameters
+    ----------
+    image : ndarray of shape (height, width)
+    n : int
+        How many.
+    window : int
+        Side of a subwindow, [px]: any two pixels are that far apart in row or in column.
+
+    Returns
+    -------
+    ndarray of shape (n, 2)
+        Row and column of each, brightest first. Of equals, the first in reading order.
+
+    Raises
+    ------
+    InvalidInputError
+        If not so many are found.
+
+    Examples
+    --------
+    >>> brightest_separate(np.array([[1, 9, 8, 0, 3]]), n=2, window=2).tolist()
+    [[0, 1], [0, 4]]
+    """
+    left = np.array(image, dtype=np.float64)
+    locations = np.empty((n, 2), dtype=np.intp)
+    for i in range(n):
+        row, column = np.unravel_index(left.argmax(), left.shape)
+        if left[row, column] == -np.inf:
+            raise InvalidInputError(
+                f"{n} separate subwindows of {window} x {window} pixels were wanted, but only {i} "
+                f"were found in an image of {left.shape[0]} x {left.shape[1]} (height x width); "
+                "lower n_per_dof or window."
+            )
+        locations[i] = row, column
+        rows = slice(max(row - window + 1, 0), row + window)
+        left[rows, max(column - window + 1, 0) : column + window] = -np.inf
+    return locations

@@ -1,15 +1,27 @@
-"""Pose-image covariance: images that say how brightness varies with each degree of freedom."""
+"""Directions of images that covary with the pose: pose-image covariance, partial least squares."""
 
 from __future__ import annotations
 
+from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
 
-from servoscope.features.image_transformer import target_names
-from servoscope.features.learned_projection import LearnedProjection
-from servoscope.features.pixel_blocks import map_blocks, working_dtype
-from servoscope.features.pixels import ImageShape
+from servoscope.errors import InvalidInputError
+from servoscope.features.eigenfeatures import check_n_components
+from servoscope.features.image_transformer import ImageShape, target_names
+from servoscope.features.linear_projection import LearnedProjection
+from servoscope.features.normalised_images import (
+    extremes_made_positive,
+    map_blocks,
+    mean_and_gram,
+    rounding_variance,
+    sum_images,
+    working_dtype,
+)
+from servoscope.processes import one_blas_thread
 
 
 class PoseImageCovariance(LearnedProjection):
@@ -89,3 +101,184 @@ class PoseImageCovariance(LearnedProjection):
 
     def _feature_names(self) -> list[str]:
         return [f"pci_{name}" for name in target_names(len(self.components_))]
+
+
+Array = NDArray[np.float64]
+
+
+class PoseLeastSquares(LearnedProjection):
+    """Projections of images onto the directions that covary most with the displacement.
+
+    Parameters
+    ----------
+    n_components : int
+        Number of directions.
+    products : bool
+        Whether directions are sought that covary with the products of two displacements as well.
+    image_shape : (height, width), optional
+        What flat images are; 1 x n_pixels by default.
+
+    Attributes
+    ----------
+    components_ : ndarray of shape (n_components, n_pixels)
+        Unit vectors that images are projected onto; the entry of largest magnitude is positive.
+    mean_ : ndarray of shape (n_pixels,)
+        Mean of the normalised training images.
+    image_shape_ : (height, width)
+    n_features_in_ : int
+        Pixels of an image.
+
+    Raises
+    ------
+    InvalidInputError
+        If fewer than `n_components` directions covary with the displacements, there are not as
+        many displacements as images, an image is not of the size seen in `fit`, or a number is
+        not finite.
+
+    Notes
+    -----
+    SIMPLS [1]_ on images normalised as in eq. 9 of [2]_. Each direction is the one whose
+    projection covaries most with a combination of the displacements, among those whose
+    projections are uncorrelated with the ones before. The first directions span what the
+    pose-image covariance vectors (eq. 13) do; the others, unlike eigenvectors, are in order of
+    what they add about the pose. Displacements are scaled to unit variance, so that neither units
+    nor ranges matter. Its sums over pixels are only two: the inner products of the images, in
+    whose eigenvectors the directions are found, and the directions as sums of images.
+
+    References
+    ----------
+    .. [1] S. de Jong, "SIMPLS: an alternative approach to partial least squares regression",
+       Chemometrics and Intelligent Laboratory Systems 18 (1993), 251-263.
+    .. [2] G. Wells and C. Torras, "Assessing image features for vision-based robot positioning",
+       Journal of Intelligent and Robotic Systems 30 (2001), 95-118.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> images = rng.integers(0, 256, (30, 8, 8), dtype=np.uint8)
+    >>> delta_p = rng.uniform(-1, 1, (30, 6))
+    >>> pls = PoseLeastSquares(n_components=10).fit(images, delta_p)
+    >>> features = pls.transform(images)
+    >>> np.allclose(np.corrcoef(features.T), np.eye(10), atol=1e-4)
+    True
+    >>> pls.get_feature_names_out()[[0, 9]]
+    array(['pls_00', 'pls_09'], dtype=object)
+    """
+
+    def __init__(
+        self,
+        n_components: int = 20,
+        products: bool = True,
+        image_shape: ImageShape | None = None,
+    ) -> None:
+        self.n_components = n_components
+        self.products = products
+        self.image_shape = image_shape
+
+    def fit(self, X: Any, y: Any) -> PoseLeastSquares:
+        """Find the directions.
+
+        Parameters
+        ----------
+        X : array of shape (n_images, height, width) or (n_images, height * width)
+        y : array of shape (n_images, n_targets) or (n_images,)
+            Displacement of each image from the reference.
+
+        Returns
+        -------
+        PoseLeastSquares
+            Itself.
+        """
+        check_n_components(self.n_components)
+        flat, delta_p = self._images_and_targets_to_fit(X, y)
+        targets = _unit_columns(centred_targets(_unit_columns(delta_p), self.products))
+        self.mean_, gram = mean_and_gram(flat)
+        weights = _direction_weights(flat, gram, targets, self.n_components)
+        components = sum_images(flat, self.mean_, weights)
+        components /= np.linalg.norm(components, axis=1, keepdims=True)
+        self.components_ = extremes_made_positive(components)
+        return self
+
+    def _feature_names(self) -> list[str]:
+        return [f"pls_{i:02d}" for i in range(len(self.components_))]
+
+
+def find_pls_directions(X: Array, Y: Array, n_components: int) -> Array:
+    """Directions of partial least squares by SIMPLS; see `PoseLeastSquares`.
+
+    Parameters
+    ----------
+    X : ndarray of shape (n, n_values)
+        Centred.
+    Y : ndarray of shape (n, n_targets)
+        Centred.
+    n_components : int
+
+    Returns
+    -------
+    ndarray of shape (n_values, n_components)
+        ``X @ directions`` has orthonormal columns.
+
+    Raises
+    ------
+    InvalidInputError
+        If fewer directions covary with the targets.
+    """
+    covariance = X.T @ Y
+    least = 1e-9 * np.linalg.norm(covariance)
+    directions = np.zeros((X.shape[1], n_components))
+    loadings = np.zeros((X.shape[1], n_components))
+    for i in range(n_components):
+        direction = covariance @ eigh(covariance.T @ covariance)[1][:, -1]
+        score = X @ direction
+        length = np.linalg.norm(score)
+        if np.linalg.norm(covariance) <= least or length == 0:
+            raise InvalidInputError(
+                f"{n_components} directions that covary with the displacements were wanted, but "
+                f"there are only {i}; lower n_components or take more images."
+            )
+        directions[:, i] = direction / length
+        loading = X.T @ (score / length)
+        for _ in range(2):  # once more for what rounding left
+            loading -= loadings @ (loadings.T @ loading)
+        loadings[:, i] = loading / np.linalg.norm(loading)
+        covariance -= np.outer(loadings[:, i], loadings[:, i] @ covariance)
+    return directions
+
+
+def centred_targets(delta_p: Array, products: bool) -> Array:
+    """Displacements about their mean and, if asked for, the products of two of them about theirs.
+
+    The products are the second-order terms of how an image depends on its pose.
+
+    Examples
+    --------
+    >>> centred_targets(np.array([[1.0], [2.0], [6.0]]), products=True)
+    array([[-2.        , -0.66666667],
+           [-1.        , -3.66666667],
+           [ 3.        ,  4.33333333]])
+    """
+    centred = delta_p - delta_p.mean(axis=0)
+    if not products:
+        return centred
+    pairs = combinations_with_replacement(range(centred.shape[1]), 2)
+    terms = np.stack([centred[:, i] * centred[:, j] for i, j in pairs], axis=1)
+    return np.hstack([centred, terms - terms.mean(axis=0)])
+
+
+def _direction_weights(flat: NDArray[Any], gram: Array, targets: Array, n_components: int) -> Array:
+    """What images are weighted with in each direction."""
+    with one_blas_thread():
+        eigenvalues, vectors = eigh(gram)
+        varying = eigenvalues > rounding_variance(flat, eigenvalues[-1])
+        lengths, vectors = np.sqrt(eigenvalues[varying]), vectors[:, varying]
+        directions = find_pls_directions(vectors * lengths, targets, n_components)
+        return vectors @ (directions / lengths[:, None])
+
+
+def _unit_columns(values: Array) -> Array:
+    """Columns about their mean in units of their standard deviation; 0 for one without any."""
+    centred = values - values.mean(axis=0)
+    deviations = values.std(axis=0)
+    moving = deviations > 1e-12 * np.abs(values).max(axis=0, initial=0.0)
+    return np.where(moving, centred / np.where(moving, deviations, 1.0), 0.0)

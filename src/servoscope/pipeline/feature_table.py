@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from servoscope.errors import InvalidInputError, PluginError, ServoscopeError
 from servoscope.features.catalogue import Family, resolve_families
-from servoscope.features.learned_projection import LearnedProjection
-from servoscope.features.snapshots import span_coordinates
+from servoscope.features.linear_projection import LearnedProjection
+from servoscope.features.normalised_images import span_coordinates
 from servoscope.pipeline.recipe import Recipe
 from servoscope.processes import in_processes, one_blas_thread
 from servoscope.selection.crossfit import Fold, cut_folds

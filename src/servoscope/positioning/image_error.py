@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import InvalidInputError
-from servoscope.features.shrinking import shrink
+from servoscope.features.cells import shrink
 
 THUMBNAIL_SIZE = 64
 _BLUR = 2.0

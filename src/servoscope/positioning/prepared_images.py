@@ -8,10 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.features.moments import PAPER_SLICES, compute_descriptors
-from servoscope.features.raw_moments import compute_raw_moments
-from servoscope.features.shrinking import shrink
-from servoscope.features.slopes import divided, normalised_slopes, orientation_cells
+from servoscope.features.cells import divided, normalised_slopes, orientation_cells, shrink
+from servoscope.features.moments import PAPER_SLICES, compute_descriptors, compute_raw_moments
 
 Image = NDArray[np.uint8]
 Vector = NDArray[np.float32]

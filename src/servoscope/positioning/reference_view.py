@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.features.shrinking import shrink
+from servoscope.features.cells import shrink
 from servoscope.positioning.image_error import image_error, reference_thumbnail, thumbnail
 
 Array = NDArray[np.float64]

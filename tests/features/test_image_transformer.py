@@ -1,5 +1,3 @@
-"""What scikit-learn asks of every family, and what every family promises about images."""
-
 from contextlib import nullcontext
 
 import numpy as np
@@ -11,12 +9,12 @@ from sklearn.utils import estimator_html_repr
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 import servoscope as sv
+import servoscope.features as features
 from servoscope.errors import InvalidInputError, ServoscopeWarning
+from servoscope.features.image_transformer import check_finite, flatten_images
 
 FIXED = [
     sv.TchebichefMoments(),
-    sv.CosineCoefficients(),
-    sv.FourierFeatures(),
     sv.ImageProjections(),
     sv.LogPolarFeatures(),
 ]
@@ -32,7 +30,6 @@ CHECKED = [
     sv.LocalFeatureAnalysis(n_components=1, n_per_dof=1, window=2),
     sv.LocalFeatureCovariance(n_components=1),
     sv.PoseLeastSquares(n_components=1),
-    sv.WhitenedPoseCovariance(),
     *FIXED,
 ]
 
@@ -42,7 +39,6 @@ LEARNED = [
     sv.LocalFeatureAnalysis(n_components=5, n_per_dof=2, window=6),
     sv.LocalFeatureCovariance(n_components=5),
     sv.PoseLeastSquares(n_components=5),
-    sv.WhitenedPoseCovariance(),
     sv.RobustMoments(n_components=5),
 ]
 FAMILIES = [*LEARNED, sv.GeometricMoments(), sv.GradientMoments(), sv.IntensityMoments(), *FIXED]
@@ -162,3 +158,85 @@ def test_images_are_left_as_they_were(family, images, delta_p):
     before = images.copy()
     clone(family).fit(images, delta_p).transform(images)
     np.testing.assert_array_equal(images, before)
+
+
+def test_flat_images_take_the_shape_they_are_said_to_have():
+    flat, shape = flatten_images(np.zeros((2, 12)), (3, 4))
+    assert (flat.shape, shape) == ((2, 12), (3, 4))
+
+
+def test_flat_images_of_unknown_shape_are_one_row_high():
+    assert flatten_images(np.zeros((2, 12)), None)[1] == (1, 12)
+
+
+def test_flattening_makes_no_copy():
+    images = np.zeros((7, 20, 33), np.uint8)
+    assert np.shares_memory(flatten_images(images, None)[0], images)
+
+
+@pytest.mark.parametrize(
+    ("images", "image_shape", "message"),
+    [
+        (np.zeros((2, 13)), (3, 4), "3 x 4 .* have 12 pixels, got 13"),
+        (np.zeros((2, 4, 3)), (3, 4), "must be 3 x 4 .* got 4 x 3"),
+        (np.zeros(12), None, r"got \(12,\)"),
+        (np.zeros((1, 3, 4, 3)), None, r"got \(1, 3, 4, 3\)"),
+        (np.zeros((2, 12)), (3, -4), "two whole numbers from 1"),
+        (np.zeros((2, 12)), 12, "two whole numbers from 1"),
+        ([np.zeros((2, 3)), np.zeros((3, 3))], None, "images of different sizes"),
+    ],
+)
+def test_images_of_the_wrong_shape_are_refused(images, image_shape, message):
+    with pytest.raises(InvalidInputError, match=message) as error:
+        flatten_images(images, image_shape)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_pixels_that_are_not_finite_are_counted_by_image(bad):
+    flat = np.ones((5, 4))
+    flat[[1, 3], 2] = bad
+    with pytest.raises(InvalidInputError, match=r"image 1 holds NaN or infinity \(2 such"):
+        check_finite(flat)
+
+
+CLASSES = [
+    getattr(features, name)
+    for name in features.__all__
+    if isinstance(getattr(features, name), type) and hasattr(getattr(features, name), "transform")
+]
+IMAGES = np.random.default_rng(0).integers(0, 255, (40, 32, 32)).astype(np.uint8)
+POSES = np.random.default_rng(1).normal(size=(40, 6))
+
+
+@pytest.mark.parametrize("family", CLASSES)
+@pytest.mark.parametrize(
+    ("images", "poses"),
+    [
+        (np.full_like(IMAGES, 7), POSES),
+        (np.zeros_like(IMAGES), POSES),
+        (np.repeat(IMAGES[:1], 40, axis=0), POSES),
+        (IMAGES, np.zeros_like(POSES)),
+        (IMAGES, 1e200 * POSES),
+        (IMAGES, 1e-200 * POSES),
+    ],
+)
+def test_features_are_finite_or_refused(family, images, poses):
+    try:
+        found = family().fit(images, poses).transform(images)
+    except InvalidInputError:
+        return
+    assert np.isfinite(found).all()
+
+
+@pytest.mark.parametrize("family", CLASSES)
+def test_masked_images_are_refused(family):
+    hidden = np.ma.masked_greater(IMAGES, 200)
+    with pytest.raises(InvalidInputError, match=r"X hides .* values behind a mask"):
+        family().fit(hidden, POSES)
+
+
+@pytest.mark.parametrize("family", [features.PoseImageCovariance, features.PoseLeastSquares])
+def test_masked_poses_are_refused(family):
+    with pytest.raises(InvalidInputError, match=r"y hides .* values behind a mask"):
+        family().fit(IMAGES, np.ma.masked_greater(POSES, 0.5))

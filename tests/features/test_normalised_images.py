@@ -3,8 +3,8 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from servoscope.errors import InvalidInputError
-from servoscope.features import pixel_blocks
-from servoscope.features.pixel_blocks import (
+from servoscope.features import normalised_images
+from servoscope.features.normalised_images import (
     brightness_norms,
     map_blocks,
     project_images,
@@ -43,7 +43,7 @@ def test_width_of_the_blocks_does_not_matter(monkeypatch):
     flat = grey_images(height=40, width=70).reshape(7, -1)
     mean, components = np.full(2800, 0.01), np.random.default_rng(1).normal(size=(3, 2800))
     in_one = project_images(flat, mean, components)
-    monkeypatch.setattr(pixel_blocks, "BLOCK_ELEMENTS", 7 * 97)
+    monkeypatch.setattr(normalised_images, "BLOCK_ELEMENTS", 7 * 97)
     assert len(list(map_blocks(lambda block, _: block, flat))) == 29
     np.testing.assert_allclose(project_images(flat, mean, components), in_one, atol=2e-6)
 
@@ -60,7 +60,7 @@ def test_pixels_too_large_to_be_squared_are_refused():
 
 
 def test_number_of_threads_does_not_change_a_bit(monkeypatch):
-    monkeypatch.setattr(pixel_blocks, "BLOCK_ELEMENTS", 40 * 500)
+    monkeypatch.setattr(normalised_images, "BLOCK_ELEMENTS", 40 * 500)
     flat = grey_images(40, 100, 130).reshape(40, -1)
     mean, components = np.full(13000, 0.01), np.random.default_rng(1).normal(size=(30, 13000))
     results = []

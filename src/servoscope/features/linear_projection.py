@@ -1,7 +1,8 @@
-"""Projections of normalised images onto vectors that are learned from images."""
+"""What linear families are: projections of brightness-normalised images, fixed or learned."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any, Self
 
@@ -12,20 +13,18 @@ from sklearn.utils.validation import check_is_fitted
 
 from servoscope.errors import InvalidInputError
 from servoscope.features.image_transformer import ImageTransformer
-from servoscope.features.pixel_blocks import project_images
+from servoscope.features.normalised_images import project_images
 
 
-class LearnedProjection(ImageTransformer):
-    """Each image, divided by its length, less the mean of the training images, projected.
+class LinearProjection(ImageTransformer):
+    """Each image, divided by its length, less a mean, projected onto components.
 
-    A subclass learns `mean_`, of shape (n_pixels,), and `components_`, (n_features, n_pixels).
+    Dividing by the Euclidean length (eq. 8 of the paper) makes the features independent of gain;
+    an all-black image stays black.
     """
 
     mean_: Any
     components_: Any
-    _min_images = 2
-    _min_pixels = 2
-    _is_supervised = True
 
     def transform(self, X: Any) -> NDArray[np.float64]:
         """Projections of images.
@@ -38,7 +37,47 @@ class LearnedProjection(ImageTransformer):
         -------
         ndarray of shape (n_images, n_features)
         """
-        return project_images(self._images_to_transform(X), self.mean_, self.components_)
+        return self._project(self._images_to_transform(X))
+
+    def _project(self, flat: NDArray[Any]) -> NDArray[np.float64]:
+        return project_images(flat, self.mean_, self.components_)
+
+
+class FixedProjection(LinearProjection):
+    """A projection onto functions that do not depend on any image; its mean is 0.
+
+    A subclass checks its parameters and computes `components_` in `_prepare`.
+    """
+
+    @abstractmethod
+    def _prepare(self) -> None:
+        """Compute what depends on the parameters and `image_shape_` alone."""
+
+    def fit(self, X: Any, y: Any = None) -> Self:
+        """Take note of the size of the images; nothing else is learned.
+
+        Parameters
+        ----------
+        X : array of shape (n_images, height, width) or (n_images, height * width)
+        y : ignored
+
+        Returns
+        -------
+        Self
+            Itself.
+        """
+        flat = self._images_to_fit(X)
+        self.mean_ = np.zeros(flat.shape[1])
+        self._prepare()
+        return self
+
+
+class LearnedProjection(LinearProjection):
+    """A projection whose `mean_` (n_pixels,) and `components_` are learned from images."""
+
+    _min_images = 2
+    _min_pixels = 2
+    _is_supervised = True
 
     def to_arrays(self) -> dict[str, NDArray]:
         """What `transform` needs, as plain arrays."""
