@@ -11,7 +11,7 @@ import servoscope as sv
 from servoscope.data.splits import Split
 from servoscope.features.catalogue import FAMILIES
 from servoscope.features.image_transformer import ImageTransformer
-from servoscope.positioning.disturbances import SINGLE_DISTURBANCES, Disturbances
+from servoscope.scene.disturbances import SINGLE_DISTURBANCES, Disturbances
 from servoscope.study.feature_tables import lfa_window
 
 N_SELECTED = 24

@@ -39,7 +39,7 @@ from servoscope.poses import (
     poses_from_displacements,
 )
 from servoscope.robots.arm import MOUNT
-from servoscope.scene.part import CylinderHead
+from servoscope.scene.cylinder_head import CylinderHead
 from servoscope.scene.render import render
 from servoscope.scene.scene import T_WORLD_REF, Scene
 from servoscope.scene.textured_plane import TexturedPlane

@@ -15,8 +15,7 @@ from servoscope.errors import InvalidInputError
 from servoscope.poses import DOFS, inverse_transform, poses_from_displacements
 from servoscope.robots.free_camera import Repeatability
 from servoscope.robots.registry import check_robot, make_robot
-from servoscope.scene.parts import make_part
-from servoscope.scene.scene import T_WORLD_REF, Scene
+from servoscope.scene.scene import T_WORLD_REF, Scene, make_part
 
 Array = NDArray[np.float64]
 

@@ -6,11 +6,10 @@ import pytest
 
 from servoscope import CameraModel, Keyframe
 from servoscope.poses import poses_from_displacements
-from servoscope.scene.depth import render_depth
-from servoscope.scene.part import CylinderHead
-from servoscope.scene.render import render, render_radiance
+from servoscope.scene.camera import Sensor
+from servoscope.scene.cylinder_head import CylinderHead
+from servoscope.scene.render import render, render_depth, render_radiance
 from servoscope.scene.scene import T_WORLD_REF, Scene
-from servoscope.scene.sensor import Sensor
 from servoscope.scene.textured_plane import TexturedPlane
 
 PIVOT, SIZE = 0.55, 256

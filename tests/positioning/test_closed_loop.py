@@ -16,9 +16,9 @@ from servoscope.poses import (
     rigid_transform,
 )
 from servoscope.positioning import LoopSettings, Positioner, PositioningModel
-from servoscope.positioning.disturbances import Disturbances
 from servoscope.positioning.guard import novelty_fault
 from servoscope.positioning.model import LevelEstimate
+from servoscope.scene.disturbances import Disturbances
 
 pytestmark = pytest.mark.slow
 

@@ -14,9 +14,9 @@ from servoscope.errors import DataSetError, ModelError, ServoscopeWarning
 from servoscope.keyframe import Keyframe
 from servoscope.poses import DISPLAY_FACTORS, displacements_from_poses, pose_error
 from servoscope.positioning import KeyframeModel, Positioner, PositioningModel, train
-from servoscope.positioning.disturbances import Disturbances
 from servoscope.positioning.keyframe_model import NOT_SEEN, error_shares
 from servoscope.positioning.training import Assessed
+from servoscope.scene.disturbances import Disturbances
 from servoscope.storage.model_folder import read_model, write_model
 
 N_IMAGES = 30

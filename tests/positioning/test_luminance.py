@@ -6,10 +6,9 @@ import pytest
 
 from servoscope.positioning.luminance import SMOOTHING_PX, luminance_interaction
 from servoscope.positioning.screw import motion
-from servoscope.scene.depth import render_depth
-from servoscope.scene.lens import Lens
-from servoscope.scene.lights import Lighting
-from servoscope.scene.render import render_radiance
+from servoscope.scene.camera import Lens
+from servoscope.scene.lighting import Lighting
+from servoscope.scene.render import render_depth, render_radiance
 from servoscope.scene.scene import T_WORLD_REF, Scene
 from servoscope.scene.textured_plane import TexturedPlane
 

@@ -8,9 +8,9 @@ from planar_cell import SIZE
 from planar_model import camera_model
 from servoscope.errors import FolderExistsError, ModelError
 from servoscope.poses import displacements_from_poses
-from servoscope.positioning.disturbances import Disturbances
 from servoscope.positioning.interfaces import Estimate
 from servoscope.positioning.model import PositioningModel
+from servoscope.scene.disturbances import Disturbances
 from servoscope.storage.model_folder import read_model, write_model
 
 TOLD = ("displacement", "std", "novelty", "stage", "is_finest", "level")

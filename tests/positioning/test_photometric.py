@@ -16,10 +16,9 @@ from servoscope.positioning.photometric import (
     PhotometricServoing,
 )
 from servoscope.positioning.screw import motion
-from servoscope.scene.lens import Lens
+from servoscope.scene.camera import Lens, Sensor
 from servoscope.scene.render import render
 from servoscope.scene.scene import T_WORLD_REF, Scene
-from servoscope.scene.sensor import Sensor
 from servoscope.scene.textured_plane import TexturedPlane
 
 PIVOT = 0.55

@@ -8,9 +8,9 @@ import pytest
 from planar import RANGES, planar_data_set, planar_images
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DOFS
-from servoscope.positioning.disturbances import SINGLE_DISTURBANCES, Disturbances
 from servoscope.positioning.holding_up import LARGEST_SHARE, disturbance_shares
 from servoscope.positioning.pose_networks import PoseNetworks
+from servoscope.scene.disturbances import SINGLE_DISTURBANCES, Disturbances
 
 SIZE = 48
 NORMALISED = ("local_", "gradient_", "orientation_")

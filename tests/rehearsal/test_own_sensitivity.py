@@ -15,7 +15,7 @@ from servoscope.rehearsal.own_sensitivity import (
     check_own_disturbances,
     measure_own,
 )
-from servoscope.sensitivity import DISTURBANCES
+from servoscope.scene.disturbances import DISTURBANCES
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import pytest
 
 from rehearsal_sample import keyframe
 from servoscope.rehearsal.relighting import light_change
-from servoscope.scene.lights import Lighting, PointLight
+from servoscope.scene.lighting import Lighting, PointLight
 
 ABOVE = Lighting((PointLight((0.0, 0.0, 1.0), 1.0),), ambient=0.0)
 EVEN = Lighting((), ambient=1.0)

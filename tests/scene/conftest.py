@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import ArrayLike, NDArray
 
 from servoscope.poses import inverse_transform
+from servoscope.scene.cylinder_head import CylinderHead
 from servoscope.scene.mesh import Mesh
-from servoscope.scene.part import CylinderHead
 from servoscope.scene.scene import Scene
 
 Array = NDArray[np.float64]

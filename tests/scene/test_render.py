@@ -1,4 +1,4 @@
-"""Images show each thing where a pinhole camera sees it, with the light that falls on it."""
+"""Images show each thing where a pinhole camera sees it, with its light and at its depth."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,13 +9,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from servoscope.errors import InvalidInputError
-from servoscope.poses import rigid_transform
-from servoscope.scene.lens import Lens
-from servoscope.scene.lights import Lighting, PointLight
-from servoscope.scene.materials import TABLE
-from servoscope.scene.render import render, render_radiance
+from servoscope.poses import inverse_transform, poses_from_displacements, rigid_transform
+from servoscope.scene.camera import Lens, Sensor
+from servoscope.scene.lighting import Lighting, PointLight
+from servoscope.scene.mesh import TABLE, Mesh
+from servoscope.scene.render import render, render_depth, render_radiance
 from servoscope.scene.scene import T_WORLD_REF, Scene
-from servoscope.scene.sensor import Sensor
+from servoscope.scene.textured_plane import TexturedPlane
 
 TABLE_Z = -0.096
 BOLT_HOLES = [(0.024, 0.053), (0.024, -0.053), (-0.057, 0.053), (0.105, 0.053)]
@@ -167,3 +167,53 @@ def test_image_sizes_out_of_range_are_refused(image_size: int) -> None:
 def test_a_lamp_that_takes_light_away_is_refused() -> None:
     with pytest.raises(InvalidInputError, match="strength must be finite and not negative, got -1"):
         PointLight(position=(0, 0, 1), strength=-1)
+
+
+TILTED = poses_from_displacements(T_WORLD_REF, [[0.01, -0.02, 0.01, 0.2, -0.15, 0.2]], 0.55)[0]
+See = Callable[..., np.ndarray]
+
+
+@pytest.mark.parametrize("distortion", [(0.0, 0.0), (-0.12, 0.04)])
+def test_points_at_the_depth_of_a_plane_lie_in_it_and_are_seen_there(
+    distortion: tuple[float, float], see: See
+) -> None:
+    scene = Scene(TexturedPlane(), lens=Lens(distortion=distortion), image_size=48)
+    depth = render_depth(scene, TILTED)
+    pixels = np.stack(np.meshgrid(np.arange(48.0), np.arange(48.0)), axis=-1)
+    points = scene.lens.rays(pixels, 48) * depth[..., None]
+    world = points @ TILTED[:3, :3].T + TILTED[:3, 3]
+    np.testing.assert_allclose(world[..., 2], 0, atol=1e-6)
+    found = see(scene, TILTED, world.reshape(-1, 3)).reshape(pixels.shape)
+    np.testing.assert_allclose(found, pixels, atol=1e-3)
+
+
+def test_deck_and_table_lie_at_their_depths() -> None:
+    depth = render_depth(Scene(image_size=128), T_WORLD_REF)
+    assert depth.dtype == np.float32
+    table = depth[:10]
+    np.testing.assert_allclose(table, 0.55 + 0.096, atol=1e-6)
+    deck = np.isclose(depth, 0.55, atol=1e-5)
+    assert 0.15 < deck.mean() < 0.5
+    assert depth.min() > 0.55 - 1e-5
+    assert depth.max() < 0.65
+
+
+def test_depth_ends_at_vertices_or_before_them(head: Mesh, see: See) -> None:
+    scene = Scene(image_size=512)
+    depth = render_depth(scene, TILTED)
+    T_cam_world = inverse_transform(TILTED)
+    vertices = head.vertices[::7].astype(float)
+    z = vertices @ T_cam_world[2, :3] + T_cam_world[2, 3]
+    column, row = see(scene, TILTED, vertices).round().astype(int).T
+    inside = (column >= 0) & (column < 512) & (row >= 0) & (row < 512)
+    column, row, z = column[inside], row[inside], z[inside]
+    assert np.mean(np.abs(depth[row, column] - z) < 1e-3) > 0.3
+    nearest_around = cv2.erode(depth, np.ones((3, 3)))[row, column]
+    assert np.mean(nearest_around > z + 1e-3) < 0.005
+
+
+@pytest.mark.parametrize("part", [TexturedPlane(), None])
+def test_a_camera_that_looks_at_the_sky_sees_infinitely_far(part: TexturedPlane | None) -> None:
+    up = rigid_transform(np.eye(3), [0.0, 0.0, 0.55])
+    scene = Scene(image_size=16) if part is None else Scene(part, image_size=16)
+    assert np.isposinf(render_depth(scene, up)).all()

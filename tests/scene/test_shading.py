@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
+from servoscope.scene.cylinder_head import CylinderHead
 from servoscope.scene.geometry import geometry_of
-from servoscope.scene.lights import Lighting, PointLight
-from servoscope.scene.materials import MACHINED
-from servoscope.scene.part import CylinderHead
+from servoscope.scene.lighting import Lighting, PointLight
+from servoscope.scene.mesh import MACHINED
 from servoscope.scene.render import render_radiance
 from servoscope.scene.scene import T_WORLD_REF, Scene
 

@@ -8,8 +8,8 @@ import pytest
 
 from servoscope.errors import InvalidInputError
 from servoscope.poses import inverse_transform, poses_from_displacements, rigid_transform
-from servoscope.scene.lens import Lens
-from servoscope.scene.lights import Lighting, PointLight
+from servoscope.scene.camera import Lens
+from servoscope.scene.lighting import Lighting, PointLight
 from servoscope.scene.render import render, render_radiance
 from servoscope.scene.scene import T_WORLD_REF, Scene
 from servoscope.scene.textured_plane import (
@@ -25,19 +25,26 @@ ONLY_AMBIENT = Lighting(lamps=(), ambient=1.0)
 RANGES = np.array([0.025] * 3 + [np.radians(15)] * 3)
 
 
+@pytest.fixture(scope="module")
+def albedo() -> np.ndarray:
+    return TexturedPlane().albedo()
+
+
 def _poses(n: int, factor: float, seed: int = 4) -> np.ndarray:
     delta_p = np.random.default_rng(seed).uniform(-factor, factor, (n, 6)) * RANGES
     return poses_from_displacements(T_WORLD_REF, delta_p, 0.55)
 
 
-@pytest.mark.parametrize("T_world_cam", [T_WORLD_REF, *_poses(3, 1.6)])
-def test_the_plane_is_where_a_homography_puts_it(T_world_cam: np.ndarray) -> None:
+@pytest.mark.parametrize("T_world_cam", [T_WORLD_REF, *_poses(1, 1.6)])
+def test_the_plane_is_where_a_homography_puts_it(
+    T_world_cam: np.ndarray, albedo: np.ndarray
+) -> None:
     size = 256
     scene = Scene(TexturedPlane(), ONLY_AMBIENT, PINHOLE, image_size=size)
     T = inverse_transform(T_world_cam)
     texel_to_world = np.array([[TEXEL, 0, 0], [0, TEXEL, 0], [0, 0, 1]])
     texel_to_pixel = PINHOLE.camera_matrix(size) @ T[:3, [0, 1, 3]] @ texel_to_world
-    middle = np.roll(TexturedPlane().albedo(), (1024, 1024), (0, 1))
+    middle = np.roll(albedo, (1024, 1024), (0, 1))
     middle = cv2.GaussianBlur(middle, (0, 0), 0.65)  # about a pixel's width, in texels
     shift = np.array([[1, 0, -1024], [0, 1, -1024], [0, 0, 1.0]])
     expected = cv2.warpPerspective(middle, texel_to_pixel @ shift, (size, size))
@@ -76,7 +83,7 @@ def test_the_lens_bends_the_plane_as_opencv_says() -> None:
 
 def test_it_fills_the_view_with_greys_short_of_black_and_white() -> None:
     scene = Scene(TexturedPlane())
-    for pose in _poses(12, 1.6):
+    for pose in _poses(6, 1.6):
         image = render(scene, pose, np.random.default_rng(0))
         assert image.min() > 0
         assert image.max() < 250
@@ -84,8 +91,9 @@ def test_it_fills_the_view_with_greys_short_of_black_and_white() -> None:
         assert high - low > 100
 
 
-def test_its_albedo_is_spread_over_the_range_and_repeats_nowhere_in_a_view() -> None:
-    albedo = TexturedPlane().albedo()
+def test_its_albedo_is_spread_over_the_range_and_repeats_nowhere_in_a_view(
+    albedo: np.ndarray,
+) -> None:
     low, high = ALBEDO_LIMITS
     assert low <= albedo.min() < albedo.max() <= high
     counts, _ = np.histogram(albedo, 10, ALBEDO_LIMITS)
@@ -124,9 +132,8 @@ def test_a_camera_that_does_not_look_at_the_plane_sees_black() -> None:
         assert (render_radiance(scene, pose) == 0).all()
 
 
-def test_images_repeat_bit_for_bit_and_variants_differ() -> None:
-    first, again = (TexturedPlane(variant=2).albedo() for _ in range(2))
-    np.testing.assert_array_equal(first, again)
+def test_images_repeat_bit_for_bit_and_variants_differ(albedo: np.ndarray) -> None:
+    np.testing.assert_array_equal(albedo, TexturedPlane().albedo())
     a, b = (
         render(Scene(TexturedPlane(variant), image_size=64), T_WORLD_REF, np.random.default_rng(1))
         for variant in (0, 1)
@@ -140,8 +147,10 @@ def test_a_variant_that_is_no_count_is_refused(variant: object) -> None:
         TexturedPlane(variant=variant)
 
 
-def test_what_is_repainted_is_that_share_of_the_surface_and_the_rest_stays() -> None:
-    before, after = TexturedPlane().albedo(), TexturedPlane(repainted=0.2).albedo()
+def test_what_is_repainted_is_that_share_of_the_surface_and_the_rest_stays(
+    albedo: np.ndarray,
+) -> None:
+    before, after = albedo, TexturedPlane(repainted=0.2).albedo()
     same = before == after
     assert same.mean() == pytest.approx(0.8, abs=0.01)
     assert abs(np.corrcoef(before[~same], after[~same])[0, 1]) < 0.2

@@ -1,4 +1,4 @@
-"""First order against closed forms, and against images taken anew."""
+"""Images taken anew, and first order against closed forms and against them."""
 
 from dataclasses import replace
 
@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from sklearn.base import BaseEstimator, TransformerMixin
 
+from servoscope.acquisition import acquire
 from servoscope.acquisition_config import AcquisitionConfig
 from servoscope.errors import InvalidInputError
 from servoscope.pipeline import Recipe
+from servoscope.scene.disturbances import DISTURBANCES, Disturbance
 from servoscope.sensitivity import (
-    DISTURBANCES,
-    Disturbance,
     fit_pose_model,
     measure,
     predict_rms,
@@ -19,8 +19,42 @@ from servoscope.sensitivity import (
 )
 from servoscope.sensitivity.measurement import n_sets
 
-CONFIG = AcquisitionConfig(n_images=12, image_size=64, seed=3, part="textured_plane")
+CONFIG = AcquisitionConfig(n_images=12, image_size=32, seed=3, part="textured_plane")
 NUMBERS = range(4, 12)
+
+
+def test_undisturbed_images_are_those_of_the_acquisition(tmp_path):
+    data = acquire(tmp_path / "data", CONFIG, n_jobs=1)
+    assert np.array_equal(take_images(CONFIG, [4, 1]), data.images[[4, 1]])
+
+
+@pytest.mark.parametrize("name", DISTURBANCES)
+def test_a_disturbance_leaves_images_as_they_are_at_strength_0_alone(name):
+    disturbance = DISTURBANCES[name]
+    config = replace(CONFIG, image_size=128)
+    clean = take_images(config, [2])
+    assert np.array_equal(take_images(config, [2], disturbance, 0.0), clean)
+    for strength in (min(disturbance.strengths), max(disturbance.strengths)):
+        assert not np.array_equal(take_images(config, [2], disturbance, strength), clean)
+
+
+def test_draws_differ_and_each_goes_one_way_at_every_strength():
+    noise = DISTURBANCES["noise"]
+    clean = take_images(CONFIG, [0]).astype(float)
+    weak, strong, other = (
+        take_images(CONFIG, [0], noise, strength, draw) - clean
+        for strength, draw in ((5.0, 0), (10.0, 0), (5.0, 1))
+    )
+    assert np.corrcoef(weak.ravel(), strong.ravel())[0, 1] > 0.99
+    assert abs(np.corrcoef(weak.ravel(), other.ravel())[0, 1]) < 0.1
+    assert strong.std() == pytest.approx(10.0, rel=0.05)
+
+
+def test_another_robot_or_image_is_refused():
+    with pytest.raises(InvalidInputError, match="robot free only"):
+        take_images(AcquisitionConfig(n_images=5, robot="arm"), [0])
+    with pytest.raises(InvalidInputError, match="of the 12 images"):
+        take_images(CONFIG, [12])
 
 
 class PixelSums(TransformerMixin, BaseEstimator):
@@ -68,10 +102,10 @@ def pixel_weights(model):
 def test_noise_through_a_linear_model_is_the_sum_of_the_squared_derivatives():
     model = linear_model()
     noise = replace(DISTURBANCES["noise"], strengths=(2.0, 4.0, 8.0))
-    growth = measure(noise, {"m": model}, CONFIG, NUMBERS, n_draws=40, n_jobs=1)["m"]["tx"]
+    growth = measure(noise, {"m": model}, CONFIG, NUMBERS, n_draws=20, n_jobs=1)["m"]["tx"]
     variance = (pixel_weights(model) ** 2).sum()
     wanted = np.sqrt(growth.clean_rms**2 + np.square(growth.strengths) * variance)
-    assert growth.predicted_rms == pytest.approx(wanted, rel=0.05)
+    assert growth.predicted_rms == pytest.approx(wanted, rel=0.08)
     assert growth.simulated_rms == pytest.approx(growth.predicted_rms, rel=0.02)
     assert growth.parts_at is None
 
@@ -87,9 +121,9 @@ def test_first_order_of_a_linear_model_and_change_is_exact():
     model = linear_model()
     growth = measure(disturbance, {"m": model}, CONFIG, NUMBERS, n_jobs=1)["m"]["tx"]
     assert growth.simulated_rms == pytest.approx(growth.predicted_rms, rel=1e-9)
-    told = 1e3 * CONFIG.displacements()[list(NUMBERS), 0]
+    known = 1e3 * CONFIG.displacements()[list(NUMBERS), 0]
     images = take_images(CONFIG, NUMBERS).reshape(len(NUMBERS), -1)
-    clean = images @ pixel_weights(model) - told
+    clean = images @ pixel_weights(model) - known
     assert growth.clean_rms == pytest.approx(np.sqrt((clean**2).mean()))
     shift = pixel_weights(model).sum()
     assert growth.simulated_bias == pytest.approx(clean.mean() + shift * np.array(growth.strengths))
@@ -142,11 +176,11 @@ def test_leaps_of_features_do_not_add_up_in_the_prediction():
     assert squared_up > 15
 
 
-def test_progress_is_told_after_every_set_of_images():
+def test_progress_is_reported_after_every_set_of_images():
     noise = replace(DISTURBANCES["noise"], strengths=(2.0, 8.0))
-    told = []
-    measure(noise, {"m": linear_model()}, CONFIG, NUMBERS, n_jobs=1, on_progress=told.append)
-    assert told == list(range(1, n_sets(noise) + 1))
+    done = []
+    measure(noise, {"m": linear_model()}, CONFIG, NUMBERS, n_jobs=1, on_progress=done.append)
+    assert done == list(range(1, n_sets(noise) + 1))
 
 
 def test_strengths_that_cannot_be_are_refused():

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from servoscope.pipeline import PosePipeline
 from servoscope.poses import DOFS
-from servoscope.positioning.disturbances import SINGLE_DISTURBANCES, Disturbances
 from servoscope.processes import in_processes, one_blas_thread
+from servoscope.scene.disturbances import SINGLE_DISTURBANCES, Disturbances
 
 Array = NDArray[np.float64]
 

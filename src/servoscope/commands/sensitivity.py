@@ -71,9 +71,10 @@ def sensitivity(
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import print_json
     from servoscope.files import write_json
-    from servoscope.sensitivity import DISTURBANCES, SensitivityConfig
-    from servoscope.sensitivity.config import DEFAULT_FEATURES
+    from servoscope.scene.disturbances import DISTURBANCES
+    from servoscope.sensitivity import SensitivityConfig
     from servoscope.sensitivity.page import write_sensitivity
+    from servoscope.sensitivity.run import DEFAULT_FEATURES
     from servoscope.storage.run_folder import owned_run_folder
 
     processes = n_jobs(jobs)

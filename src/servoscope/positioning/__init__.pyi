@@ -1,4 +1,3 @@
-from .disturbances import Disturbances as Disturbances
 from .interfaces import Camera as Camera
 from .interfaces import Estimate as Estimate
 from .interfaces import Estimator as Estimator

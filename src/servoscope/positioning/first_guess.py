@@ -15,9 +15,9 @@ from servoscope.keyframe import Keyframe
 from servoscope.keyframe.rendering import continued
 from servoscope.keyframe.views import evened
 from servoscope.poses import displacements_from_poses, poses_from_displacements
-from servoscope.positioning.disturbances import Disturbances
 from servoscope.positioning.interfaces import Array, Image
 from servoscope.processes import one_blas_thread
+from servoscope.scene.disturbances import Disturbances
 
 Floats = NDArray[np.float32]
 

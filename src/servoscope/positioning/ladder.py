@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from servoscope.errors import DataSetError
 from servoscope.kernels import find_repeats
 from servoscope.positioning.appearance import Appearance
-from servoscope.positioning.disturbances import Disturbances
 from servoscope.positioning.interaction import MARGIN, LearnedInteraction, learn_interaction
 from servoscope.positioning.polynomials import exponents
+from servoscope.scene.disturbances import Disturbances
 
 Array = NDArray[np.float64]
 Images = NDArray[np.uint8]

@@ -15,10 +15,10 @@ from servoscope.positioning.candidate_features import (
     fit_paper_pool,
     fit_wide_pool,
 )
-from servoscope.positioning.disturbances import SINGLE_DISTURBANCES, Disturbances
 from servoscope.positioning.linear_features import FeaturePool
 from servoscope.positioning.training_copies import prepare_copies
 from servoscope.processes import one_blas_thread
+from servoscope.scene.disturbances import SINGLE_DISTURBANCES, Disturbances
 
 Array = NDArray[np.float64]
 

@@ -12,13 +12,13 @@ from servoscope.data.splits import Split
 from servoscope.errors import InvalidInputError
 from servoscope.pipeline import FeatureTable, Fitted, Recipe, fit_all
 from servoscope.poses import DISPLAY_FACTORS, DOFS
-from servoscope.positioning.disturbances import SINGLE_DISTURBANCES, Disturbances
 from servoscope.positioning.feature_subsets import Subsets, rank_paper, rank_wide
 from servoscope.positioning.holding_up import LARGEST_SHARE, disturbance_shares
 from servoscope.positioning.linear_features import FeaturePool
 from servoscope.positioning.network_samples import Samples, measure_samples, one_a_row
 from servoscope.positioning.pose_networks import PoseNetworks
 from servoscope.regression import LMRegressor, PoseRegressor
+from servoscope.scene.disturbances import SINGLE_DISTURBANCES, Disturbances
 
 Array = NDArray[np.float64]
 Progress = Callable[[int], object]

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DISPLAY_FACTORS
-from servoscope.positioning.disturbances import Disturbances
 from servoscope.positioning.linear_features import FeaturePool
 from servoscope.regression import PoseRegressor
+from servoscope.scene.disturbances import Disturbances
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

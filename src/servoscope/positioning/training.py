@@ -18,12 +18,12 @@ from servoscope.errors import DataSetError, InvalidInputError, ServoscopeWarning
 from servoscope.poses import DISPLAY_FACTORS, DOFS, displacements_from_poses
 from servoscope.positioning.calibration import Calibration
 from servoscope.positioning.decision import compare_methods
-from servoscope.positioning.disturbances import Disturbances
 from servoscope.positioning.keyframe_model import KeyframeModel, error_shares, read_test_images
 from servoscope.positioning.ladder import HeldOut, has_images_for_levels, learn_levels, plan_rungs
 from servoscope.positioning.model import PositioningModel
 from servoscope.positioning.pose_networks import PoseNetworks
 from servoscope.processes import one_blas_thread
+from servoscope.scene.disturbances import Disturbances
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.positioning.disturbances import Disturbances
 from servoscope.positioning.linear_features import prepare_images
 from servoscope.processes import in_processes
+from servoscope.scene.disturbances import Disturbances
 
 _BLOCK = 50
 

@@ -20,15 +20,19 @@ from servoscope.poses import (
     inverse_transform,
     poses_from_displacements,
 )
-from servoscope.positioning.disturbances import Disturbances
 from servoscope.processes import in_processes, one_blas_thread
 from servoscope.rehearsal.rendered_cell import view_of_start
 from servoscope.rehearsal.run import Rehearsal
 from servoscope.rehearsal.sampling import sample_at
+from servoscope.scene.disturbances import (
+    DISTURBANCES,
+    REFERENCE_WIDTH,
+    Disturbances,
+    Look,
+    added_noise,
+)
 from servoscope.scene.scene import Scene
-from servoscope.scene.strengths import REFERENCE_WIDTH, added_noise
 from servoscope.scoreboard.cell import start_direction
-from servoscope.sensitivity.disturbances import DISTURBANCES, Look
 from servoscope.sensitivity.growth import ErrorGrowth
 from servoscope.sensitivity.measurement import (
     N_DRAWS,

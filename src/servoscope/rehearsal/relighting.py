@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from servoscope.keyframe import Keyframe
 from servoscope.keyframe.views import View
 from servoscope.rehearsal.sampling import sample_at
-from servoscope.scene.lights import Lighting
+from servoscope.scene.lighting import Lighting
 from servoscope.scene.scene import STANDOFF, T_WORLD_REF
 
 Array = NDArray[np.float64]

@@ -13,9 +13,9 @@ from servoscope.rehearsal.true_view import OwnErrors, TrueView
 from servoscope.robots.free_camera import FreeMotion
 from servoscope.robots.late_images import LateImages
 from servoscope.robots.registry import SimulatedRobot
-from servoscope.scene.falloff import Falloff
+from servoscope.scene.disturbances import added_noise
+from servoscope.scene.lighting import Falloff
 from servoscope.scene.scene import Scene
-from servoscope.scene.strengths import added_noise
 from servoscope.scoreboard.cell import start_direction, trial_rng
 from servoscope.scoreboard.conditions import CONDITIONS, Condition
 

@@ -13,8 +13,8 @@ from servoscope.robots.arm_model import N_JOINTS, TIMESTEP, arm_mjcf
 from servoscope.robots.arm_motion import minimum_jerk
 from servoscope.robots.arm_physics import ArmPhysics
 from servoscope.robots.free_camera import Repeatability
+from servoscope.scene.cylinder_head import CylinderHead
 from servoscope.scene.geometry import geometry_of
-from servoscope.scene.part import CylinderHead
 from servoscope.scene.render import render
 from servoscope.scene.scene import T_WORLD_REF, Scene
 from servoscope.scene.textured_plane import TexturedPlane

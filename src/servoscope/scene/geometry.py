@@ -1,16 +1,20 @@
-"""The part as the ray caster wants it: a tree of boxes, and the sky that it sees."""
+"""The part on its table as the ray caster wants it, and what of it lamps and sky reach."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from servoscope.scene.mesh import Mesh
-from servoscope.scene.part import CylinderHead
+from servoscope.compiled import compiled
+from servoscope.scene.cylinder_head import CylinderHead
+from servoscope.scene.lighting import Lighting, light_at
+from servoscope.scene.mesh import TABLE, Mesh
 
 Floats = NDArray[np.float32]
 
@@ -89,3 +93,171 @@ def _tree(mesh: Mesh) -> Any:
     tree = EmbreeScene()  # its robust mode costs 15 % and changes one ray in a million
     TriangleMesh(tree, mesh.vertices, mesh.triangles)
     return tree
+
+
+DARK, LIT, IN_PART = 0, 1, 2
+"""States of a face under a lamp."""
+
+LIFT = np.float32(1e-4)
+"""How far off its face a shadow ray starts, [m]."""
+
+_SPACING = np.float32(1.2e-3)
+"""Distance of the points of a face at which a lamp is looked for, [m]."""
+
+_INSET = np.float32(0.02)
+"""How far the outermost of those points stay off the face's border, relative to its size."""
+
+
+def face_states(geometry: Geometry, lamps: Floats) -> NDArray[np.uint8]:
+    """The state of each face under each lamp, shape (n_triangles, n_lamps).
+
+    Parameters
+    ----------
+    geometry : Geometry
+    lamps : ndarray of shape (n_lamps, 4), float32
+        Position and strength of each.
+    """
+    vertices, triangles = geometry.mesh.vertices, geometry.mesh.triangles
+    points, faces = _points_on_faces(vertices, triangles)
+    a, b, c = vertices[triangles].transpose(1, 0, 2)
+    normals = np.cross(b - a, c - a)
+    states = np.empty((len(triangles), len(lamps)), np.uint8)
+    n_points = np.bincount(faces, minlength=len(states))
+    for k, lamp in enumerate(lamps):
+        blocked = geometry.tree.run(points, lamp[:3] - points, dists=1.0, query="OCCLUDED") >= 0
+        n_lit = np.bincount(faces[~blocked], minlength=len(states))
+        states[:, k] = np.where(n_lit == 0, DARK, np.where(n_lit == n_points, LIT, IN_PART))
+        turned_away = ((lamp[:3] - a) * normals).sum(axis=1) <= 0
+        states[turned_away, k] = DARK
+    return states
+
+
+def _points_on_faces(
+    vertices: Floats, triangles: NDArray[np.int32]
+) -> tuple[Floats, NDArray[np.int32]]:
+    """Points `_SPACING` apart on every face, lifted off it, and the face of each."""
+    n_points = _scatter(vertices, triangles, np.empty((0, 3), np.float32), np.empty(0, np.int32))
+    points, faces = np.empty((n_points, 3), np.float32), np.empty(n_points, np.int32)
+    _scatter(vertices, triangles, points, faces)
+    return points, faces
+
+
+@compiled(error_model="numpy")
+def _scatter(
+    vertices: Floats, triangles: NDArray[np.int32], points: Floats, faces: NDArray[np.int32]
+) -> int:
+    """Write the points as far as there is room; returns how many there are."""
+    count = 0
+    for face in range(triangles.shape[0]):
+        a, b, c = _longest_first(vertices, triangles[face])
+        ab, ac = b - a, c - a
+        normal = np.array(
+            [
+                ab[1] * ac[2] - ab[2] * ac[1],
+                ab[2] * ac[0] - ab[0] * ac[2],
+                ab[0] * ac[1] - ab[1] * ac[0],
+            ]
+        )
+        area, base = np.sqrt((normal**2).sum()), np.sqrt((ab**2).sum())
+        n_rows = 2 + int(area / base / _SPACING)
+        for row in range(n_rows):
+            t = _INSET + (1 - 2 * _INSET) * np.float32(row / (n_rows - 1))
+            n_columns = 2 + int((1 - t) * base / _SPACING)
+            for column in range(n_columns):
+                s = _INSET + (1 - 2 * _INSET) * np.float32(column / (n_columns - 1))
+                if count < len(faces):
+                    points[count] = a + s * (1 - t) * ab + t * ac + LIFT / area * normal
+                    faces[count] = face
+                count += 1
+    return count
+
+
+@compiled()
+def _longest_first(vertices, triangle):  # type: ignore[no-untyped-def]
+    """The corners of a triangle, in its order of turning, with its longest side first."""
+    a, b, c = vertices[triangle[0]], vertices[triangle[1]], vertices[triangle[2]]
+    ab, bc, ca = ((b - a) ** 2).sum(), ((c - b) ** 2).sum(), ((a - c) ** 2).sum()
+    if bc > ab and bc >= ca:
+        return b, c, a
+    if ca > ab and ca > bc:
+        return c, a, b
+    return a, b, c
+
+
+MARGIN = 0.12
+"""How far around the part the light on the table is mapped, [m]."""
+
+_SKY_CELL, _CELL = 0.004, 0.001
+"""Spacing of the map's points, at which sky and lamps are looked for, [m]."""
+
+_FLAT = np.float32(0.02)
+"""What a ray must fall towards the table, at unit depth, to be said to meet it."""
+
+
+class Table(NamedTuple):
+    """A plane at the height z, and a map of the radiance that it scatters around the part.
+
+    The map's points are `cell` apart, and the first is at (x, y). Beyond them the table is lit
+    by every lamp, and by the ambient light in full. The table scatters light evenly, so that its
+    radiance is the same from every side.
+    """
+
+    z: np.float32
+    albedo: np.float32
+    radiance: Floats
+    x: np.float32
+    y: np.float32
+    cell: np.float32
+    lamps: Floats
+    ambient: np.float32
+
+
+def lay_table(geometry: Geometry, lighting: Lighting) -> Table:
+    """The table that the part stands on and throws its shadows on."""
+    bounds, lamps = geometry.mesh.bounds, lighting.lamp_rows()
+    coarse, fine = (_points(bounds, cell) for cell in (_SKY_CELL, _CELL))
+    up = np.zeros_like(coarse)
+    up[..., 2] = 1
+    sky = share_of_sky(geometry.tree, coarse.reshape(-1, 3), up.reshape(-1, 3))
+    size = fine.shape[1::-1]
+    light = lighting.ambient * cv2.resize(sky.reshape(coarse.shape[:2]), size)
+    for lamp in lamps:
+        ways = (lamp[:3] - fine).reshape(-1, 3)
+        shaded = geometry.tree.run(fine.reshape(-1, 3), ways, dists=1.0, query="OCCLUDED") >= 0
+        lit = lamp[3] * ways[:, 2] / np.linalg.norm(ways, axis=1) ** 3
+        light += np.where(shaded, 0, lit).reshape(light.shape)
+    albedo = np.float32(TABLE.albedo)
+    return Table(
+        z=bounds[0, 2],
+        albedo=albedo,
+        radiance=albedo * light.astype(np.float32),
+        x=fine[0, 0, 0],
+        y=fine[0, 0, 1],
+        cell=np.float32(_CELL),
+        lamps=lamps,
+        ambient=np.float32(lighting.ambient),
+    )
+
+
+@njit(inline="always")
+def table_radiance(cx, cy, cz, dx, dy, dz, z, albedo, grid, x0, y0, cell, lamps, ambient):  # type: ignore[no-untyped-def]
+    """Radiance along the ray from (cx, cy, cz); the further arguments are those of `Table`."""
+    if dz > -_FLAT:
+        return np.float32(0)
+    t = (z - cz) / dz
+    x, y = cx + t * dx, cy + t * dy
+    u, v = (x - x0) / cell, (y - y0) / cell
+    if 0 <= u < grid.shape[1] - 1 and 0 <= v < grid.shape[0] - 1:
+        column, row = np.int32(u), np.int32(v)
+        u, v = u - np.float32(column), v - np.float32(row)
+        top = grid[row, column] + u * (grid[row, column + 1] - grid[row, column])
+        low = grid[row + 1, column] + u * (grid[row + 1, column + 1] - grid[row + 1, column])
+        return top + v * (low - top)
+    return albedo * light_at(lamps, ambient, x, y, z)
+
+
+def _points(bounds: Floats, cell: float) -> Floats:
+    low, high = bounds[:, :2] + np.array([[-MARGIN], [MARGIN]])
+    x, y = (np.arange(a, b, cell) for a, b in zip(low, high, strict=True))
+    points = np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), bounds[0, 2])], axis=-1)
+    return points.astype(np.float32)

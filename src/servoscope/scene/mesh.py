@@ -1,14 +1,87 @@
-"""Triangle meshes of parts."""
+"""The surface of a part: its triangles, what they are made of, and its grain."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from manifold3d import Manifold
 from numpy.typing import NDArray
 
-from servoscope.scene.materials import MATERIALS, Material
+
+@dataclass(frozen=True)
+class Material:
+    """How a surface answers light.
+
+    Parameters
+    ----------
+    albedo : float
+        Share of the light that is scattered evenly (Lambert), 0 to 1.
+    specular : float
+        Strength of the highlight (Blinn-Phong), relative to white.
+    shininess : float
+        Exponent of the highlight; the larger, the narrower.
+    mottle : float
+        Standard deviation of the albedo over the surface, relative to it.
+    roughness : float
+        Standard deviation of the slope of the surface, [rad].
+    milled : bool
+        Whether mottle follows the arcs of a face mill instead of lying at random.
+    """
+
+    albedo: float
+    specular: float = 0.0
+    shininess: float = 1.0
+    mottle: float = 0.0
+    roughness: float = 0.0
+    milled: bool = False
+
+
+TABLE = Material(albedo=0.90)
+CAST = Material(albedo=0.30, specular=0.03, shininess=8.0, mottle=0.10, roughness=0.10)
+MACHINED = Material(
+    albedo=0.41, specular=0.06, shininess=12.0, mottle=0.025, roughness=0.004, milled=True
+)
+BORED = Material(albedo=0.22, specular=0.05, shininess=20.0, mottle=0.02)
+VALVE = Material(albedo=0.32, specular=0.12, shininess=30.0, mottle=0.05, roughness=0.01)
+SOOT = Material(albedo=0.26, specular=0.02, shininess=6.0, mottle=0.14, roughness=0.06)
+
+MATERIALS = (TABLE, CAST, MACHINED, BORED, VALVE, SOOT)
+"""Every material; a mesh names them by their place here."""
+
+
+def material_table() -> NDArray[np.float32]:
+    """`MATERIALS` as rows of numbers, in the order of `Material`'s fields."""
+    rows = [(m.albedo, m.specular, m.shininess, m.mottle, m.roughness, m.milled) for m in MATERIALS]
+    return np.array(rows, dtype=np.float32)
+
+
+N_TEXELS = 512
+"""Texels a side of the tile; one is a millimetre, so that no part shows a tile twice."""
+
+_SCALES = ((1.3, 1.0), (3.0, 0.8), (11.0, 0.7))
+"""Size [mm] and weight of the lumps that a cast surface is made of."""
+
+
+@lru_cache(maxsize=1)
+def grain_tile() -> NDArray[np.float32]:
+    """Unevenness of a surface and its slopes along both axes, each of mean 0 and variance 1.
+
+    Returns
+    -------
+    ndarray of shape (512, 512, 3), float32
+        A tile that fits to itself on all sides.
+    """
+    noise = np.fft.rfft2(np.random.default_rng(512).standard_normal((N_TEXELS, N_TEXELS)))
+    fy = 2 * np.pi * np.fft.fftfreq(N_TEXELS)[:, None]
+    fx = 2 * np.pi * np.fft.rfftfreq(N_TEXELS)
+    spectrum = sum(w * s * np.exp(-0.5 * s**2 * (fx**2 + fy**2)) for s, w in _SCALES)
+    spectrum = np.where(fx**2 + fy**2 > 0, spectrum, 0.0)
+    channels = [noise * spectrum * factor for factor in (1.0, 1j * fx, 1j * fy)]
+    tile = np.stack([np.fft.irfft2(c, s=(N_TEXELS, N_TEXELS)) for c in channels], axis=-1)
+    return np.ascontiguousarray(tile / tile.std(axis=(0, 1)), dtype=np.float32)
+
 
 CREASE_DEG = 32.0
 """Faces that meet at a sharper angle than this keep their own normals."""

@@ -1,19 +1,17 @@
-"""The cell: a part on a table, lights over it, and the camera's lens and sensor."""
+"""The cell: a part on a table, lights over it, and the camera."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from servoscope.errors import InvalidInputError
 from servoscope.poses import rigid_transform
-from servoscope.scene.covering import Covering
-from servoscope.scene.falloff import Falloff
-from servoscope.scene.lens import Lens
-from servoscope.scene.lights import Lighting
-from servoscope.scene.part import CylinderHead
-from servoscope.scene.sensor import Sensor
+from servoscope.scene.camera import Covering, Lens, Sensor
+from servoscope.scene.cylinder_head import CylinderHead
+from servoscope.scene.lighting import Falloff, Lighting
 from servoscope.scene.textured_plane import TexturedPlane
 
 STANDOFF = 0.55
@@ -59,3 +57,36 @@ class Scene:
             raise InvalidInputError(
                 f"image_size must be a whole number from {low} to {high}, got {self.image_size!r}."
             )
+
+
+Part = CylinderHead | TexturedPlane
+
+PARTS: dict[str, Callable[[int], Part]] = {
+    "cylinder_head": lambda variant: CylinderHead(variant=variant),
+    "textured_plane": lambda variant: TexturedPlane(variant=variant),
+}
+
+
+def make_part(name: str, variant: int = 0) -> Part:
+    """The part of a name.
+
+    Parameters
+    ----------
+    name : str
+        One of `PARTS`.
+    variant : int
+        Another number gives another part of the kind.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is no such part.
+
+    Examples
+    --------
+    >>> make_part("cylinder_head", 2)
+    CylinderHead(bore_mm=75.0, variant=2)
+    """
+    if name not in PARTS:
+        raise InvalidInputError(f"part must be one of {', '.join(sorted(PARTS))}, got {name!r}.")
+    return PARTS[name](variant)

@@ -1,7 +1,4 @@
-"""The light that the part scatters, in one pass over the rays that were sent towards it.
-
-Embree only says which face a ray meets, and where in it.
-"""
+"""What surfaces scatter towards the camera."""
 
 from __future__ import annotations
 
@@ -12,10 +9,56 @@ from numba import njit
 from numpy.typing import NDArray
 
 from servoscope.compiled import compiled
-from servoscope.scene.grain import N_TEXELS
-from servoscope.scene.shadows import DARK, IN_PART, LIFT
-from servoscope.scene.table import Table, table_radiance
-from servoscope.scene.vectors import blend, cross, dot, minus, of_length, plus, row_of
+from servoscope.scene.geometry import DARK, IN_PART, LIFT, Table, table_radiance
+from servoscope.scene.mesh import N_TEXELS
+
+
+@njit(inline="always")
+def row_of(rows, i):  # type: ignore[no-untyped-def]
+    """A row of an array as a vector."""
+    return rows[i, 0], rows[i, 1], rows[i, 2]
+
+
+@njit(inline="always")
+def plus(a, b):  # type: ignore[no-untyped-def]
+    """The sum."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@njit(inline="always")
+def minus(a, b):  # type: ignore[no-untyped-def]
+    """The difference."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@njit(inline="always")
+def dot(a, b):  # type: ignore[no-untyped-def]
+    """The scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(inline="always")
+def cross(a, b):  # type: ignore[no-untyped-def]
+    """The vector product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(inline="always")
+def of_length(a, length):  # type: ignore[no-untyped-def]
+    """The vector, made as long as stated."""
+    scale = length / np.sqrt(dot(a, a))
+    return a[0] * scale, a[1] * scale, a[2] * scale
+
+
+@njit(inline="always")
+def blend(u, a, v, b, w, c):  # type: ignore[no-untyped-def]
+    """The sum of three vectors, each times its weight."""
+    return (
+        u * a[0] + v * b[0] + w * c[0],
+        u * a[1] + v * b[1] + w * c[1],
+        u * a[2] + v * b[2] + w * c[2],
+    )
+
 
 Floats = NDArray[np.float32]
 Integers = NDArray[np.int32]

@@ -1,4 +1,4 @@
-"""What a camera sees of a part that is a mesh: rays, cast where they tell something."""
+"""What a camera sees of a part that is a mesh: rays, cast where they inform."""
 
 from __future__ import annotations
 
@@ -6,21 +6,141 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from servoscope.scene.aiming import aim, average_in, steep_pixels
-from servoscope.scene.geometry import geometry_of
-from servoscope.scene.grain import grain_tile
-from servoscope.scene.lens import Lens
-from servoscope.scene.lights import Lighting
-from servoscope.scene.materials import material_table
-from servoscope.scene.part import CylinderHead
+from servoscope.compiled import compiled
+from servoscope.scene.camera import Lens
+from servoscope.scene.cylinder_head import CylinderHead
+from servoscope.scene.geometry import Table, face_states, geometry_of, lay_table, table_radiance
+from servoscope.scene.lighting import Lighting
+from servoscope.scene.mesh import grain_tile, material_table
 from servoscope.scene.scene import Scene
 from servoscope.scene.shading import Doubts, Hits, Part, add_unblocked, shade
-from servoscope.scene.shadows import face_states
-from servoscope.scene.table import Table, lay_table
 
 Floats = NDArray[np.float32]
+Integers = NDArray[np.int32]
+
+
+@compiled(error_model="numpy")
+def aim(
+    corners: Floats,
+    pixels: Integers,
+    offset: tuple[np.float32, np.float32],
+    rotation: Floats,
+    centre: Floats,
+    bounds: Floats,
+    table: Table,
+    radiance: Floats,
+    rays: Floats,
+    ray_of: Integers,
+) -> int:
+    """Turn pixels into rays; the table answers those that pass the part by.
+
+    Parameters
+    ----------
+    corners : ndarray of shape (n + 1, n + 1, 2), float32
+        Camera coordinates, at unit depth, of the corners of the n x n pixels.
+    pixels : ndarray of shape (n_pixels,), int32
+        Row times n plus column.
+    offset : tuple of 2 float32
+        Where in each pixel rays pass, from its left and top, [px].
+    rotation, centre : ndarray of shapes (3, 3) and (3,), float32
+        Of the camera, camera to world.
+    bounds : ndarray of shape (2, 3), float32
+        A box about the part.
+    table : Table
+    radiance : ndarray of shape (n_pixels,), float32
+        Written for the rays that pass the box by.
+    rays : ndarray of shape (n_pixels, 3), float32
+        Written: directions, in the world, of the rays that meet the box.
+    ray_of : ndarray of shape (n_pixels,), int32
+        Written: which of all the rays those are.
+
+    Returns
+    -------
+    int
+        How many rays meet the box.
+    """
+    z, albedo, grid, x0, y0, cell, lamps, ambient = table
+    n, count = np.uint32(corners.shape[0] - 1), 0
+    u, v = offset
+    r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
+    r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
+    r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
+    cx, cy, cz = centre[0], centre[1], centre[2]
+    xl, yl, zl = bounds[0, 0], bounds[0, 1], bounds[0, 2]
+    xh, yh, zh = bounds[1, 0], bounds[1, 1], bounds[1, 2]
+    for i in range(pixels.size):
+        row = np.int32(np.uint32(pixels[i]) // n)
+        column = pixels[i] - row * np.int32(n)
+        x = _between(corners, row, column, 0, u, v)
+        y = _between(corners, row, column, 1, u, v)
+        dx = r00 * x + r01 * y + r02
+        dy = r10 * x + r11 * y + r12
+        dz = r20 * x + r21 * y + r22
+        near, far = _clip(np.float32(0), np.float32(np.inf), cx, dx, xl, xh)
+        near, far = _clip(near, far, cy, dy, yl, yh)
+        near, far = _clip(near, far, cz, dz, zl, zh)
+        if near <= far:
+            rays[count, 0], rays[count, 1], rays[count, 2] = dx, dy, dz
+            ray_of[count] = i
+            count += 1
+        else:
+            radiance[i] = table_radiance(
+                cx, cy, cz, dx, dy, dz, z, albedo, grid, x0, y0, cell, lamps, ambient
+            )
+    return count
+
+
+@compiled()
+def steep_pixels(radiance: Floats, down: int, along: int, contrast: float) -> Integers:
+    """Indices of pixels that differ by over `contrast` from the one so far down and along."""
+    n_rows, n_columns = radiance.shape
+    steep = np.empty(radiance.size, np.int32)
+    count = 0
+    for row in range(n_rows - down):
+        for column in range(n_columns - along):
+            if abs(radiance[row + down, column + along] - radiance[row, column]) > contrast:
+                steep[count] = row * n_columns + column
+                count += 1
+    return steep[:count]
+
+
+@compiled()
+def average_in(
+    middle: Floats, between: Floats, pixels: Integers, step: int, radiance: Floats
+) -> None:
+    """Let what is seen between pixels and their neighbours, `step` on, count in both.
+
+    Notes
+    -----
+    The mean over a pixel is taken as 1/3 of its middle and 1/6 of the middle of each side, which
+    is exact for polynomials of third degree. Where a neighbour is alike, its side counts as the
+    middle does.
+    """
+    share = np.float32(1 / 6)
+    for j in range(pixels.size):
+        here, there = pixels[j], pixels[j] + step
+        radiance[here] += share * (between[j] - middle[here])
+        radiance[there] += share * (between[j] - middle[there])
+
+
+@njit(inline="always")
+def _between(grid, row, column, k, u, v):  # type: ignore[no-untyped-def]
+    """Channel k of a grid, at the share u and v of the way to the next column and row."""
+    top = grid[row, column, k] + u * (grid[row, column + 1, k] - grid[row, column, k])
+    low = grid[row + 1, column, k] + u * (grid[row + 1, column + 1, k] - grid[row + 1, column, k])
+    return top + v * (low - top)
+
+
+@njit(inline="always")
+def _clip(near, far, o, d, low, high):  # type: ignore[no-untyped-def]
+    """The part of a ray's [near, far] in which it lies between low and high along an axis."""
+    d = d if d != 0 else np.float32(1e-30)
+    a, b = (low - o) / d, (high - o) / d
+    return max(near, min(a, b)), min(far, max(a, b))
+
 
 FEWEST_SAMPLES = 128
 """Samples along each side of an image at the least; smaller images are averaged down."""

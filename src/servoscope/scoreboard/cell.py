@@ -9,9 +9,8 @@ from servoscope.dofs import mask_of
 from servoscope.poses import DOFS, inverse_transform, poses_from_displacements
 from servoscope.robots.late_images import LateImages
 from servoscope.robots.registry import SimulatedRobot, make_robot
-from servoscope.scene.parts import make_part
 from servoscope.scene.render import prepare
-from servoscope.scene.scene import T_WORLD_REF, Scene
+from servoscope.scene.scene import T_WORLD_REF, Scene, make_part
 from servoscope.scoreboard.conditions import CONDITIONS
 
 Array = NDArray[np.float64]

@@ -8,13 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from servoscope.poses import DOFS
-from servoscope.positioning.disturbances import Disturbances
 from servoscope.robots.free_camera import Repeatability
-from servoscope.scene.covering import Covering
-from servoscope.scene.falloff import Falloff
-from servoscope.scene.part import CylinderHead
+from servoscope.scene.camera import Covering
+from servoscope.scene.cylinder_head import CylinderHead
+from servoscope.scene.disturbances import (
+    Disturbances,
+    amplified,
+    defocused,
+    noisier,
+    with_lamp_moved,
+)
+from servoscope.scene.lighting import Falloff
 from servoscope.scene.scene import Scene
-from servoscope.scene.strengths import amplified, defocused, noisier
 
 SCENES = ("cylinder_head", "textured_plane")
 
@@ -43,7 +48,7 @@ def _other_casting(scene: Scene) -> Scene:
 class Condition:
     """How trials differ from the images that the methods were made for.
 
-    What the strengths mean stands in `servoscope.scene.strengths`; they are the same for a
+    What the strengths mean stands in `servoscope.scene.disturbances`; they are the same for a
     simulated scene (`change`) and for images (`disturbances`).
 
     Parameters
@@ -110,10 +115,7 @@ class Condition:
         if self.falloff:
             changed = replace(changed, falloff=Falloff(*self.falloff, seed=number))
         if any(self.light_shift):
-            first, *others = scene.lighting.lamps
-            x, y, z = np.add(first.position, self.light_shift).tolist()
-            lamps = (replace(first, position=(x, y, z)), *others)
-            changed = replace(changed, lighting=replace(scene.lighting, lamps=lamps))
+            changed = replace(changed, lighting=with_lamp_moved(scene.lighting, self.light_shift))
         return changed
 
     def disturbances(self) -> Disturbances:
@@ -143,7 +145,7 @@ CONDITIONS = {
     "planar": Condition(dofs=("tx", "ty", "rz")),
 }
 """Every condition, by name. ``gain`` turns down the sensor; ``noise_10`` adds noise of ten grey
-levels; ``defocus`` blurs by two pixels of 256 more (`servoscope.scene.strengths`);
+levels; ``defocus`` blurs by two pixels of 256 more (`servoscope.scene.disturbances`);
 ``repeatability`` is 0.05 mm and 0.01 deg a move; the images of ``stale_frames`` are one read
 old; ``light_falloff`` multiplies the light by 1.15 on one side of the view and 0.7 on the other;
 the robot of ``planar`` moves along x and y and about z alone, in training too."""

@@ -17,7 +17,7 @@ from servoscope.poses import inverse_transform
 from servoscope.positioning import Estimate, Estimator, LoopSettings
 from servoscope.positioning.photometric import PhotometricEstimate, PhotometricServoing
 from servoscope.robots.free_camera import Repeatability
-from servoscope.scene.depth import render_depth
+from servoscope.scene.render import render_depth
 from servoscope.scoreboard.cell import robot_at_reference
 from servoscope.scoreboard.learners import LEARNERS
 

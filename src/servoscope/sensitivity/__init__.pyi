@@ -1,10 +1,8 @@
-from .config import SensitivityConfig as SensitivityConfig
-from .disturbances import DISTURBANCES as DISTURBANCES
-from .disturbances import Disturbance as Disturbance
-from .first_order import predict_rms as predict_rms
 from .growth import ErrorGrowth as ErrorGrowth
-from .looks import take_images as take_images
+from .growth import predict_rms as predict_rms
 from .measurement import measure as measure
+from .measurement import take_images as take_images
 from .pose_model import PoseModel as PoseModel
 from .pose_model import fit_pose_model as fit_pose_model
+from .run import SensitivityConfig as SensitivityConfig
 from .run import SensitivityRun as SensitivityRun

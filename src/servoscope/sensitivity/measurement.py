@@ -1,4 +1,4 @@
-"""The error under a disturbance: simulated, and predicted from derivatives."""
+"""The error under a disturbance: in images taken anew, and predicted from derivatives."""
 
 from __future__ import annotations
 
@@ -9,13 +9,85 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.acquisition_config import AcquisitionConfig
+from servoscope.errors import InvalidInputError
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 from servoscope.processes import in_processes, one_blas_thread
-from servoscope.sensitivity.disturbances import Disturbance
-from servoscope.sensitivity.first_order import predict_rms
-from servoscope.sensitivity.growth import ErrorGrowth
-from servoscope.sensitivity.looks import take_images
+from servoscope.robots.registry import make_robot
+from servoscope.scene.disturbances import Disturbance, Look
+from servoscope.scene.render import render
+from servoscope.sensitivity.growth import ErrorGrowth, predict_rms
 from servoscope.sensitivity.pose_model import PoseModel
+
+_STREAM = 20013
+"""Keeps what disturbances draw apart from what acquisitions draw."""
+
+
+def take_images(
+    config: AcquisitionConfig,
+    numbers: Sequence[int],
+    disturbance: Disturbance | None = None,
+    strength: float = 0.0,
+    draw: int = 0,
+) -> NDArray[np.uint8]:
+    """Images of an acquisition, taken anew with everything as it was but for a disturbance.
+
+    Parameters
+    ----------
+    config : AcquisitionConfig
+        With the robot "free".
+    numbers : sequence of int
+        Which of its images.
+    disturbance : Disturbance, optional
+    strength : float
+        In the disturbance's unit.
+    draw : int
+        Another number draws another random disturbance, the same one at every strength.
+
+    Returns
+    -------
+    ndarray of shape (n, image_size, image_size), uint8
+        Without a disturbance, the images of the acquisition, bit for bit.
+
+    Raises
+    ------
+    InvalidInputError
+        If the config asks for another robot, or has no such images.
+
+    Examples
+    --------
+    >>> take_images(AcquisitionConfig(n_images=5, image_size=32), [1, 4]).shape
+    (2, 32, 32)
+    """
+    if config.robot != "free":
+        raise InvalidInputError(
+            f"Images are taken anew with the robot free only, got {config.robot!r}."
+        )
+    if not len(numbers) or not all(0 <= i < config.total() for i in numbers):
+        raise InvalidInputError(
+            f"numbers must be of the {config.total()} images of the acquisition, got {numbers}."
+        )
+    poses = config.poses()
+    images = []
+    for i in numbers:
+        look = Look(config.scene())
+        if disturbance is not None:
+            rng = np.random.default_rng([config.seed, _STREAM, i, draw])
+            look = disturbance.change(look, strength, rng)
+        images.append(_take(config, i, poses[i], look))
+    return np.stack(images)
+
+
+def _take(
+    config: AcquisitionConfig, i: int, T_world_cam: NDArray[np.float64], look: Look
+) -> NDArray[np.uint8]:
+    rng = config.camera_rng(i)
+    robot = make_robot("free", config.scene(), config.repeatability(), rng)
+    robot.move_to(T_world_cam)
+    image = render(look.scene, robot.true_pose @ look.departure, rng)
+    if look.added_noise is None:
+        return image
+    return np.clip(np.rint(image + look.added_noise), 0, 255).astype(np.uint8)
+
 
 Array = NDArray[np.float64]
 
@@ -83,13 +155,13 @@ def measure(
                 rows[name].append(model.transform(images))
             if on_progress is not None:
                 on_progress(n_done)
-        told = config.displacements()[list(numbers)]
+        known = config.displacements()[list(numbers)]
         growths = {}
         for name, model in models.items():
             clean, *disturbed = rows[name]
             blocks = np.stack(disturbed).reshape(len(strengths), len(draws), *clean.shape)
             features = {0.0: clean[None], **dict(zip(strengths, blocks, strict=True))}
-            growths[name] = _growths(disturbance, model, features, told)
+            growths[name] = _growths(disturbance, model, features, known)
     return growths
 
 
@@ -105,10 +177,10 @@ def all_strengths(disturbance: Disturbance) -> list[float]:
 
 
 def _growths(
-    disturbance: Disturbance, model: PoseModel, features: Features, told: Array
+    disturbance: Disturbance, model: PoseModel, features: Features, known: Array
 ) -> dict[str, ErrorGrowth]:
-    clean_errors = _errors(model, features[0.0], told)[0]
-    simulated = np.stack([_errors(model, features[s], told) for s in disturbance.strengths])
+    clean_errors = _errors(model, features[0.0], known)[0]
+    simulated = np.stack([_errors(model, features[s], known) for s in disturbance.strengths])
     first, second = (_slopes(disturbance, model, features, step) for step in disturbance.steps)
     return error_growths(disturbance, clean_errors, simulated, (first, second))
 
@@ -148,9 +220,9 @@ def error_growths(
     }
 
 
-def _errors(model: PoseModel, features: Array, told: Array) -> Array:
-    """Told from the features minus told by the robot, (n_draws, n_images, 6), [mm] and [deg]."""
-    return (np.stack([model.predict(X) for X in features]) - told) * DISPLAY_FACTORS
+def _errors(model: PoseModel, features: Array, known: Array) -> Array:
+    """Predicted minus reported by the robot, (n_draws, n_images, 6), [mm] and [deg]."""
+    return (np.stack([model.predict(X) for X in features]) - known) * DISPLAY_FACTORS
 
 
 def _slopes(disturbance: Disturbance, model: PoseModel, features: Features, step: float) -> Array:

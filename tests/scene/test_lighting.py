@@ -1,11 +1,29 @@
+"""Lamps shine, and light falls off across the view."""
+
+import math
+
 import numpy as np
 import pytest
 
 from servoscope.errors import InvalidInputError
-from servoscope.scene.falloff import Falloff
+from servoscope.scene.lighting import Falloff, Lighting, PointLight
 from servoscope.scene.render import render
 from servoscope.scene.scene import T_WORLD_REF, Scene
 from servoscope.scene.textured_plane import TexturedPlane
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -1.0])
+def test_strengths_and_ambient_light_that_cannot_be_are_refused(bad: float) -> None:
+    with pytest.raises(InvalidInputError, match="strength must be finite and not negative, got"):
+        PointLight((0.0, 0.0, 1.0), bad)
+    with pytest.raises(InvalidInputError, match="ambient must be finite and not negative, got"):
+        Lighting(ambient=bad)
+
+
+@pytest.mark.parametrize("position", [(0.0, math.nan, 1.0), (math.inf, 0.0, 1.0), (0.0, 1.0)])
+def test_places_that_cannot_be_are_refused(position: tuple[float, ...]) -> None:
+    with pytest.raises(InvalidInputError, match="position must be 3 finite numbers, got"):
+        PointLight(position, 1.0)
 
 
 def test_light_falls_evenly_between_its_factors_and_is_kept_in_the_middle_between_them():
