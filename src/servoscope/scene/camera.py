@@ -246,7 +246,8 @@ class Covering:
         """The light that is left, (size, size); less than half a row is missing of the share."""
         covered = radiance.copy()
         rng = np.random.default_rng(self.seed)
-        covered[draw_rectangle(covered.shape, self.share, _ASPECTS, rng)] = rng.uniform(*_RADIANCES)
+        place = draw_rectangle(covered.shape, self.share, _ASPECTS, rng)
+        covered[place] = rng.uniform(*_RADIANCES)
         return covered
 
 

@@ -206,7 +206,8 @@ def _light_field(
 
 def _cover(grey: NDArray[np.float32], share: float, rng: np.random.Generator) -> None:
     """Draw a rectangle of one grey; its height is rounded so that its area is that share."""
-    grey[draw_rectangle(grey.shape, share, _ASPECTS, rng)] = rng.uniform(0, 255)
+    place = draw_rectangle(grey.shape, share, _ASPECTS, rng)
+    grey[place] = rng.uniform(0, 255)
 
 
 SINGLE_DISTURBANCES = {
