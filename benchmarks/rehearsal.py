@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from servoscope.scoreboard.table import TITLES
+
 from benchmarks.tables import Findings
 from servoscope import AcquisitionConfig, acquire
 from servoscope.positioning import train
@@ -22,7 +24,6 @@ from servoscope.rehearsal.summary import summarise_rehearsal
 from servoscope.scoreboard.cell import robot_at_reference, robot_in_cell
 from servoscope.scoreboard.conditions import CONDITIONS, SCENES
 from servoscope.scoreboard.methods import loop_settings
-from servoscope.scoreboard.table import TITLES
 from servoscope.scoreboard.trial import run_trial
 
 N_IMAGES, N_STARTS, SEED = 20, 20, 0

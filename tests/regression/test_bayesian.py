@@ -6,8 +6,13 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from servoscope.errors import InvalidInputError
 from servoscope.regression import BayesianLMRegressor, LMRegressor
-from servoscope.regression.bayesian import BayesianSettings, bayesian_lm
-from servoscope.regression.evidence import Evidence, curvature
+from servoscope.regression.bayesian import (
+    BayesianSettings,
+    Evidence,
+    WeightPosterior,
+    bayesian_lm,
+    curvature,
+)
 from servoscope.regression.tanh_network import (
     Linearisation,
     activate,
@@ -16,7 +21,6 @@ from servoscope.regression.tanh_network import (
     initial_weights,
     linearise,
 )
-from servoscope.regression.weight_posterior import WeightPosterior
 
 
 @parametrize_with_checks([BayesianLMRegressor(hidden=5)])

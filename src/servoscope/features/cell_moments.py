@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, Self
+from typing import Any
 
 import cv2
 import numpy as np
@@ -43,39 +43,17 @@ class CellMoments(ImageTransformer):
     def layer_names(self) -> list[str]:
         """Names of the layers, with which those of the features begin."""
 
-    def fit(self, X: Any, y: Any = None) -> Self:
-        """Take note of the size of the images; nothing else is learned.
-
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-        y : ignored
-
-        Returns
-        -------
-        CellMoments
-            Itself.
-        """
+    def _check_parameters(self) -> None:
         check_n_cells(self.n_cells)
         if not isinstance(self.size, int | np.integer) or self.size < 1:
             raise InvalidInputError(f"size must be a whole number from 1, got {self.size!r}.")
-        self._images_to_fit(X)
+
+    def _learn(self, flat: NDArray[Any], targets: Any) -> None:
         blank = np.zeros(self.image_shape_, np.uint8)
         _, self.n_rows_, self.n_columns_ = self._cells(blank).shape
-        return self
 
-    def transform(self, X: Any) -> NDArray[np.float64]:
-        """Moments of images.
-
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-
-        Returns
-        -------
-        ndarray of shape (n_images, n_layers * n_rows_ * n_columns_)
-        """
-        images = self._images_to_transform(X).reshape(-1, *self.image_shape_)
+    def _features(self, flat: NDArray[Any]) -> NDArray[np.float64]:
+        images = flat.reshape(-1, *self.image_shape_)
         shape = len(images), len(self.layer_names()), self.n_rows_, self.n_columns_
         moments = np.empty(shape)
         for cells, image in zip(moments, images, strict=True):

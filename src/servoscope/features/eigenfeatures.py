@@ -238,22 +238,8 @@ class Eigenfeatures(LearnedProjection):
         self.image_shape = image_shape
         self.basis = basis
 
-    def fit(self, X: Any, y: Any = None) -> Eigenfeatures:
-        """Compute the eigenvectors of images.
-
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-        y : ignored
-
-        Returns
-        -------
-        Eigenfeatures
-            Itself.
-        """
-        flat = self._images_to_fit(X)
+    def _learn(self, flat: NDArray[Any], targets: Any) -> None:
         self.basis_ = fitted_basis(flat, self.n_components, self.image_shape_, self.basis)
-        return self
 
     def to_arrays(self) -> dict[str, NDArray]:
         """What `transform` needs, as plain arrays."""

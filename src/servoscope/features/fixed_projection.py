@@ -64,10 +64,13 @@ class TchebichefMoments(FixedProjection):
         self.order = order
         self.image_shape = image_shape
 
-    def _prepare(self) -> None:
+    def _check_parameters(self) -> None:
         check_whole_number("order", self.order, 0)
 
-    def _project(self, flat: NDArray[Any]) -> NDArray[np.float64]:
+    def _prepare(self) -> None:
+        """Nothing is computed beforehand."""
+
+    def _features(self, flat: NDArray[Any]) -> NDArray[np.float64]:
         rows, columns = (
             tchebichef_polynomials(min(self.order + 1, n), n) for n in self.image_shape_
         )

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import warnings
 from abc import ABCMeta, abstractmethod
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from servoscope.arrays import check_scale, check_unmasked
@@ -118,10 +119,11 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
     one another, multiply images whose pixels are floats from 0 to 1 in `fit` by 255, there and in
     `transform`, with a warning. None transforms images on another scale than those of `fit`.
 
-    scikit-learn counts the pixels as features, ``n_features_in_ = height * width``. A subclass
-    has a parameter `image_shape`, and names its features in `_feature_names`. All of them pass
-    scikit-learn's estimator checks; none is left out except that of array API input, which
-    scikit-learn itself skips unless SCIPY_ARRAY_API is set.
+    scikit-learn counts the pixels as features, ``n_features_in_ = height * width``. A subclass has
+    a parameter `image_shape`, learns from flat images in `_learn`, computes in `_features`, and
+    names its features in `_feature_names`. All of them pass scikit-learn's estimator checks; none
+    is left out except that of array API input, which scikit-learn itself skips unless
+    SCIPY_ARRAY_API is set.
     """
 
     image_shape: ImageShape | None
@@ -129,9 +131,57 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
     _min_images = 1
     _min_pixels = 1
     _levels_matter = False
+    _is_supervised = False
+
+    def _check_parameters(self) -> None:
+        """Raise InvalidInputError where a parameter is out of range."""
+
+    @abstractmethod
+    def _learn(self, flat: NDArray[Any], targets: Any) -> None:
+        """Learn from images (n_images, n_pixels) and, if supervised, targets (n_images, k)."""
+
+    @abstractmethod
+    def _features(self, flat: NDArray[Any]) -> NDArray[np.float64]:
+        """Features (n_images, n_features) of images (n_images, n_pixels)."""
 
     @abstractmethod
     def _feature_names(self) -> list[str]: ...
+
+    def fit(self, X: Any, y: Any = None) -> Self:
+        """Learn what the features are made of; fixed functions take note of the image size alone.
+
+        Parameters
+        ----------
+        X : array of shape (n_images, height, width) or (n_images, height * width)
+        y : array of shape (n_images, n_targets) or (n_images,), optional
+            Displacement of each image from the reference, [m] and [rad], in `DOFS` order if there
+            are six. Families that are not learned from poses ignore it.
+
+        Returns
+        -------
+        Self
+            Itself.
+        """
+        self._check_parameters()
+        if self._is_supervised:
+            self._learn(*self._images_and_targets_to_fit(X, y))
+        else:
+            self._learn(self._images_to_fit(X), None)
+        return self
+
+    def transform(self, X: Any) -> NDArray[np.float64]:
+        """Features of images.
+
+        Parameters
+        ----------
+        X : array of shape (n_images, height, width) or (n_images, height * width)
+
+        Returns
+        -------
+        ndarray of shape (n_images, n_features)
+            In the order of `get_feature_names_out`.
+        """
+        return self._features(self._images_to_transform(X))
 
     def get_feature_names_out(self, input_features: Any = None) -> NDArray[np.object_]:
         """Names of the features that `transform` gives.
@@ -224,6 +274,12 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
             raise InvalidInputError(str(error)) from error
         check_finite(valid[0] if isinstance(valid, tuple) else valid)
         return valid
+
+    def __sklearn_tags__(self) -> Tags:
+        tags = super().__sklearn_tags__()
+        tags.target_tags.required = self._is_supervised
+        tags.target_tags.multi_output = self._is_supervised
+        return tags
 
 
 def _are_shares(flat: NDArray[Any]) -> bool:

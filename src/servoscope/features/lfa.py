@@ -7,7 +7,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
 from servoscope.errors import InvalidInputError
@@ -89,6 +88,7 @@ class LocalFeatureAnalysis(ImageTransformer):
 
     _min_images = 2
     _min_pixels = 2
+    _is_supervised = True
 
     def __init__(
         self,
@@ -104,49 +104,24 @@ class LocalFeatureAnalysis(ImageTransformer):
         self.image_shape = image_shape
         self.basis = basis
 
-    def fit(self, X: Any, y: Any) -> LocalFeatureAnalysis:
-        """Choose the receptive fields that covary most with the displacements.
-
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-        y : array of shape (n_images, n_targets) or (n_images,)
-            Displacement of each image from the reference, [m] and [rad], in `DOFS` order if
-            there are six.
-
-        Returns
-        -------
-        LocalFeatureAnalysis
-            Itself.
-        """
+    def _check_parameters(self) -> None:
         if not isinstance(self.n_per_dof, int | np.integer) or self.n_per_dof < 1:
             raise InvalidInputError(
                 f"n_per_dof must be a whole number from 1, got {self.n_per_dof!r}."
             )
-        flat, delta_p = self._images_and_targets_to_fit(X, y)
+
+    def _learn(self, flat: NDArray[Any], targets: Array) -> None:
         self.basis_ = fitted_basis(flat, self.n_components, self.image_shape_, self.basis)
         projections = project_images(flat, self.basis_.mean, self.basis_.components)
-        self.covariance_ = self._pose_covariance(projections, delta_p)
+        self.covariance_ = self._pose_covariance(projections, targets)
         self.filtered_ = np.stack(
             [filter_centre_weighted(np.abs(image), self.window) for image in self.covariance_]
         )
         self.locations_ = np.stack(
             [brightest_separate(image, self.n_per_dof, self.window) for image in self.filtered_]
         )
-        return self
 
-    def transform(self, X: Any) -> Array:
-        """Outputs of the chosen receptive fields.
-
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-
-        Returns
-        -------
-        ndarray of shape (n_images, n_targets * n_per_dof)
-        """
-        flat = self._images_to_transform(X)
+    def _features(self, flat: NDArray[Any]) -> Array:
         rows, columns = self.locations_.reshape(-1, 2).T
         projections = project_images(flat, self.basis_.mean, self.basis_.components)
         with one_blas_thread():
@@ -197,12 +172,6 @@ class LocalFeatureAnalysis(ImageTransformer):
             for name in target_names(len(self.locations_))
             for i in range(self.locations_.shape[1])
         ]
-
-    def __sklearn_tags__(self) -> Tags:
-        tags = super().__sklearn_tags__()
-        tags.target_tags.required = True
-        tags.target_tags.multi_output = True
-        return tags
 
 
 class LocalFeatureCovariance(LearnedProjection):
@@ -276,30 +245,14 @@ class LocalFeatureCovariance(LearnedProjection):
         self.image_shape = image_shape
         self.basis = basis
 
-    def fit(self, X: Any, y: Any) -> LocalFeatureCovariance:
-        """Compute the covariance of the LFA output with the displacements.
-
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-        y : array of shape (n_images, n_targets) or (n_images,)
-            Displacement of each image from the reference, [m] and [rad], in `DOFS` order if
-            there are six.
-
-        Returns
-        -------
-        LocalFeatureCovariance
-            Itself.
-        """
-        flat, delta_p = self._images_and_targets_to_fit(X, y)
+    def _learn(self, flat: NDArray[Any], targets: Array) -> None:
         basis = fitted_basis(flat, self.n_components, self.image_shape_, self.basis)
         projections = project_images(flat, basis.mean, basis.components)
-        centred = delta_p - delta_p.mean(axis=0)
+        centred = targets - targets.mean(axis=0)
         with one_blas_thread():
             weights = (projections.T @ centred) / basis.eigenvalues[:, None]
             weights = weights.astype(basis.components.dtype)
             self.mean_, self.components_ = basis.mean, weights.T @ basis.components
-        return self
 
     def _restore(self, mean: NDArray, components: NDArray) -> None:
         self.mean_, self.components_ = mean, components

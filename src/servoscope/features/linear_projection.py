@@ -8,7 +8,6 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
 from servoscope.errors import InvalidInputError
@@ -26,20 +25,7 @@ class LinearProjection(ImageTransformer):
     mean_: Any
     components_: Any
 
-    def transform(self, X: Any) -> NDArray[np.float64]:
-        """Projections of images.
-
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-
-        Returns
-        -------
-        ndarray of shape (n_images, n_features)
-        """
-        return self._project(self._images_to_transform(X))
-
-    def _project(self, flat: NDArray[Any]) -> NDArray[np.float64]:
+    def _features(self, flat: NDArray[Any]) -> NDArray[np.float64]:
         return project_images(flat, self.mean_, self.components_)
 
 
@@ -53,23 +39,9 @@ class FixedProjection(LinearProjection):
     def _prepare(self) -> None:
         """Compute what depends on the parameters and `image_shape_` alone."""
 
-    def fit(self, X: Any, y: Any = None) -> Self:
-        """Take note of the size of the images; nothing else is learned.
-
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-        y : ignored
-
-        Returns
-        -------
-        Self
-            Itself.
-        """
-        flat = self._images_to_fit(X)
+    def _learn(self, flat: NDArray[Any], targets: Any) -> None:
         self.mean_ = np.zeros(flat.shape[1])
         self._prepare()
-        return self
 
 
 class LearnedProjection(LinearProjection):
@@ -124,9 +96,3 @@ class LearnedProjection(LinearProjection):
         if "n_components" in self.get_params():
             self.set_params(n_components=len(components))
         self.mean_, self.components_ = mean, components
-
-    def __sklearn_tags__(self) -> Tags:
-        tags = super().__sklearn_tags__()
-        tags.target_tags.required = self._is_supervised
-        tags.target_tags.multi_output = self._is_supervised
-        return tags

@@ -216,36 +216,14 @@ class GeometricMoments(ImageTransformer):
         self.slices = slices
         self.image_shape = image_shape
 
-    def fit(self, X: Any, y: Any = None) -> GeometricMoments:
-        """Take note of the size of the images; nothing else is learned.
-
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-        y : ignored
-
-        Returns
-        -------
-        GeometricMoments
-            Itself.
-        """
+    def _check_parameters(self) -> None:
         _check_slices(self.slices)
-        self._images_to_fit(X)
-        return self
 
-    def transform(self, X: Any) -> Array:
-        """Moment descriptors of images.
+    def _learn(self, flat: NDArray[Any], targets: Any) -> None:
+        """Nothing is learned."""
 
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-
-        Returns
-        -------
-        ndarray of shape (n_images, 8 * n_slices)
-            Lengths in [px], angles in [rad].
-        """
-        images = _grey_levels(self._images_to_transform(X)).reshape(-1, *self.image_shape_)
+    def _features(self, flat: NDArray[Any]) -> Array:
+        images = _grey_levels(flat).reshape(-1, *self.image_shape_)
         raw = compute_raw_moments(images, self.slices)
         return compute_descriptors(raw, self.image_shape_).reshape(len(images), -1)
 

@@ -75,29 +75,13 @@ class PoseImageCovariance(LearnedProjection):
     def __init__(self, image_shape: ImageShape | None = None) -> None:
         self.image_shape = image_shape
 
-    def fit(self, X: Any, y: Any) -> PoseImageCovariance:
-        """Compute the covariance of images with displacements.
-
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-        y : array of shape (n_images, n_targets) or (n_images,)
-            Displacement of each image from the reference, [m] and [rad], in `DOFS` order if
-            there are six.
-
-        Returns
-        -------
-        PoseImageCovariance
-            Itself.
-        """
-        flat, delta_p = self._images_and_targets_to_fit(X, y)
+    def _learn(self, flat: NDArray[Any], targets: Array) -> None:
         self.mean_ = np.empty(flat.shape[1])
-        self.components_ = np.empty((delta_p.shape[1], flat.shape[1]), working_dtype(flat))
-        P = delta_p.astype(self.components_.dtype)
+        self.components_ = np.empty((targets.shape[1], flat.shape[1]), working_dtype(flat))
+        P = targets.astype(self.components_.dtype)
         for pixels, block_mean, part in map_blocks(lambda block, _: P.T @ block, flat):
             self.mean_[pixels] = block_mean
             self.components_[:, pixels] = part
-        return self
 
     def _feature_names(self) -> list[str]:
         return [f"pci_{name}" for name in target_names(len(self.components_))]
@@ -175,29 +159,16 @@ class PoseLeastSquares(LearnedProjection):
         self.products = products
         self.image_shape = image_shape
 
-    def fit(self, X: Any, y: Any) -> PoseLeastSquares:
-        """Find the directions.
-
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-        y : array of shape (n_images, n_targets) or (n_images,)
-            Displacement of each image from the reference.
-
-        Returns
-        -------
-        PoseLeastSquares
-            Itself.
-        """
+    def _check_parameters(self) -> None:
         check_n_components(self.n_components)
-        flat, delta_p = self._images_and_targets_to_fit(X, y)
-        targets = _unit_columns(centred_targets(_unit_columns(delta_p), self.products))
+
+    def _learn(self, flat: NDArray[Any], targets: Array) -> None:
+        targets = _unit_columns(centred_targets(_unit_columns(targets), self.products))
         self.mean_, gram = mean_and_gram(flat)
         weights = _direction_weights(flat, gram, targets, self.n_components)
         components = sum_images(flat, self.mean_, weights)
         components /= np.linalg.norm(components, axis=1, keepdims=True)
         self.components_ = extremes_made_positive(components)
-        return self
 
     def _feature_names(self) -> list[str]:
         return [f"pls_{i:02d}" for i in range(len(self.components_))]

@@ -253,21 +253,10 @@ class RobustMoments(ImageTransformer):
         self.size = size
         self.image_shape = image_shape
 
-    def fit(self, X: Any, y: Any = None) -> RobustMoments:
-        """Learn how the cells of images vary together.
-
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-        y : ignored
-
-        Returns
-        -------
-        RobustMoments
-            Itself.
-        """
+    def _check_parameters(self) -> None:
         check_n_cells(self.n_cells)
-        flat = self._images_to_fit(X)
+
+    def _learn(self, flat: NDArray[Any], targets: Any) -> None:
         images = flat.reshape(-1, *self.image_shape_)
         n_components = self._checked_n_components(len(flat))
         self.gradient_ = GradientMoments(self.n_fine_cells, self.size).fit(images)
@@ -278,21 +267,9 @@ class RobustMoments(ImageTransformer):
             for n in (min(_COARSE_COMPONENTS, n_components), n_components)
         )
         self.n_rows_, self.n_columns_ = self._pooled(values[:1]).shape[-2:]
-        return self
 
-    def transform(self, X: Any) -> Array:
-        """Completed moments of images.
-
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-
-        Returns
-        -------
-        ndarray of shape (n_images, 14 * n_rows_ * n_columns_)
-            Those of 8 directions, then of 6 slices of intensity.
-        """
-        values = self._fine_moments(self._images_to_transform(X))
+    def _features(self, flat: NDArray[Any]) -> Array:
+        values = self._fine_moments(flat)
         _, weights = self.coarse_.complete(values, _COARSE_SCALES)
         completed, _ = self.fine_.complete(values, _FINE_SCALES, weights)
         return self._pooled(completed).reshape(len(values), -1)

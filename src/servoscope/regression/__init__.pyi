@@ -1,10 +1,10 @@
-from .bayesian_network import BayesianLMRegressor as BayesianLMRegressor
-from .gaussian_process import GaussianProcess as GaussianProcess
-from .kernel_ridge import GaussianKernelRidge as GaussianKernelRidge
-from .lbfgs_network import LBFGSRegressor as LBFGSRegressor
+from .kernel_regressors import GaussianKernelRidge as GaussianKernelRidge
+from .kernel_regressors import GaussianProcess as GaussianProcess
 from .levenberg_marquardt import LMResult as LMResult
 from .levenberg_marquardt import LMSettings as LMSettings
-from .network import LMRegressor as LMRegressor
+from .network_regressors import BayesianLMRegressor as BayesianLMRegressor
+from .network_regressors import LBFGSRegressor as LBFGSRegressor
+from .network_regressors import LMRegressor as LMRegressor
 from .per_dof import PoseRegressor as PoseRegressor
 from .registry import REGRESSORS as REGRESSORS
 from .registry import Regressor as Regressor

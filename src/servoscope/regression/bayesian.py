@@ -1,4 +1,9 @@
-"""Levenberg-Marquardt training under the weight decay that makes the targets likeliest."""
+"""Levenberg-Marquardt training under the weight decay that makes the targets likeliest.
+
+Weights are held to be drawn about zero and targets about the network's output, both normally. All
+that the evidence takes of the network is the curvature of its error: the eigenvalues of the
+Gauss-Newton matrix ``J'J``.
+"""
 
 from __future__ import annotations
 
@@ -7,18 +12,89 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
+from scipy.linalg import blas, cholesky, eigvalsh, solve_triangular
 
-from servoscope.regression.evidence import Evidence, curvature
+from servoscope.processes import one_blas_thread
 from servoscope.regression.levenberg_marquardt import LMResult, LMSettings, levenberg_marquardt
 from servoscope.regression.normal_equations import NormalEquations, normal_equations
 from servoscope.regression.tanh_network import (
     Array,
+    Linearisation,
     activate,
     append_ones,
     linearise,
     split_weights,
 )
-from servoscope.regression.training_result import Status
+from servoscope.regression.training import Status
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What the samples say of a trained network and of its weight decay.
+
+    Parameters
+    ----------
+    weight_decay : float
+        Under which the network was trained.
+    cost : float
+        Sum of the squared residuals, and the weight decay times the squared weights.
+    n : int
+        Number of samples.
+    eigenvalues : ndarray
+        Of ``J'J``, those that are not zero by count.
+
+    Notes
+    -----
+    The weight decay is alpha / beta of [1]_, and the variance of the noise, 1 / beta, is the one
+    that makes the targets likeliest, ``cost / n``.
+
+    References
+    ----------
+    .. [1] D. MacKay, "Bayesian interpolation", Neural Computation 4 (1992), 415-447.
+
+    Examples
+    --------
+    >>> evidence = Evidence(1.0, cost=0.48, n=12, eigenvalues=np.array([1e9, 1.0, 0.0]))
+    >>> round(evidence.effective_parameters, 6), round(evidence.noise, 6)
+    (1.5, 0.2)
+    """
+
+    weight_decay: float
+    cost: float
+    n: int
+    eigenvalues: Array
+
+    @property
+    def effective_parameters(self) -> float:
+        """How many weights the samples decide on, and not the decay."""
+        return float(np.sum(self.eigenvalues / (self.eigenvalues + self.weight_decay)))
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the target about the network's output."""
+        return float(np.sqrt(self.cost / self.n))
+
+    @property
+    def log_evidence(self) -> float:
+        """Logarithm of the density of the targets, up to a constant that n alone decides."""
+        if not self.cost:
+            return float(np.inf)
+        volume = np.sum(np.log1p(self.eigenvalues / self.weight_decay))
+        return float(-self.n * np.log(self.noise) - 0.5 * volume)
+
+
+def curvature(linearisation: Linearisation) -> Array:
+    """Eigenvalues of ``J'J``, all but zeros, from the smaller one of ``J'J`` and ``JJ'``."""
+    n, hidden = linearisation.slopes.shape
+    n_weights = hidden * linearisation.inputs.shape[1] + hidden + 1
+    if n_weights <= n:
+        gram = blas.dsyrk(1.0, linearisation.jacobian(), trans=1, lower=1)
+    else:
+        gram = linearisation.slopes @ linearisation.slopes.T
+        gram *= linearisation.inputs @ linearisation.inputs.T
+        gram += linearisation.activations @ linearisation.activations.T
+    return np.maximum(eigvalsh(gram, lower=True, overwrite_a=True, check_finite=False), 0.0)
+
 
 _LEAST_DAMPING = 1e-3
 
@@ -164,3 +240,53 @@ def _result(tried: list[tuple[LMResult, Evidence]], best: int, status: Status) -
         np.concatenate(damping),
         tried[best][1],
     )
+
+
+@dataclass(frozen=True, eq=False)
+class WeightPosterior:
+    """Laplace's approximation about trained weights.
+
+    Parameters
+    ----------
+    weights : ndarray of shape (n_weights,)
+    X : ndarray of shape (n, k)
+        Inputs that the network was trained on, as it takes them.
+    weight_decay : float
+        Under which it was trained.
+    noise : float
+        Standard deviation of targets about the network's output.
+
+    Notes
+    -----
+    With J the Jacobian at the training samples and j at a new one, the variance of a new target
+    is ``noise^2 (1 + j' (J'J + weight_decay I)^-1 j)`` [1]_.
+
+    References
+    ----------
+    .. [1] D. MacKay, "A practical Bayesian framework for backpropagation networks", Neural
+       Computation 4 (1992), 448-472.
+    """
+
+    weights: Array
+    X: Array
+    weight_decay: float
+    noise: float
+    _factor: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        J = self._linearise(self.X).jacobian()
+        with one_blas_thread():
+            precision = J.T @ J
+            precision[np.diag_indices_from(precision)] += self.weight_decay
+            factor = cholesky(precision, lower=True, overwrite_a=True, check_finite=False)
+        object.__setattr__(self, "_factor", factor)
+
+    def deviation(self, X: Array) -> Array:
+        """Standard deviation of a target at inputs X, (n,)."""
+        J = self._linearise(X).jacobian()
+        open_ = solve_triangular(self._factor, J.T, lower=True, check_finite=False)
+        return self.noise * np.sqrt(1 + np.einsum("ij,ij->j", open_, open_))
+
+    def _linearise(self, X: Array) -> Linearisation:
+        inputs = append_ones(X)
+        return linearise(self.weights, inputs, activate(self.weights, inputs))

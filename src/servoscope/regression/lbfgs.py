@@ -9,9 +9,8 @@ from functools import partial
 import numpy as np
 from scipy.optimize import OptimizeResult, minimize
 
-from servoscope.regression.objective import Objective, Point
-from servoscope.regression.tanh_network import Array
-from servoscope.regression.training_result import Status, TrainingResult
+from servoscope.regression.tanh_network import Array, Objective
+from servoscope.regression.training import EarlyStopping, Status, TrainingResult
 
 
 @dataclass(frozen=True)
@@ -76,13 +75,28 @@ def lbfgs(
     Mathematical Programming 45 (1989), 503-528.
     """
     settings = settings or LBFGSSettings()
-    watch = _Watch(Objective(X, y, X_val, y_val, settings.weight_decay), weights, settings)
+    objective = Objective(X, y, X_val, y_val, settings.weight_decay)
+    point = objective.at(weights)
+    stopping = EarlyStopping(point, settings.patience, settings.min_improvement)
+
+    def cost(weights: Array) -> tuple[float, Array]:
+        nonlocal point
+        point = objective.at(weights)
+        return point.cost, objective.gradient(point)
+
+    def note(intermediate_result: OptimizeResult) -> None:
+        reached = intermediate_result.x
+        is_last = np.array_equal(point.weights, reached)
+        stopping.note(point if is_last else objective.at(reached.copy()))
+        if stopping.is_over:
+            raise StopIteration
+
     found = minimize(
-        watch.cost,
+        cost,
         weights,
         jac=True,
         method="L-BFGS-B",
-        callback=watch.look,
+        callback=note,
         options={
             "maxiter": settings.max_iter,
             "maxfun": 10 * settings.max_iter,
@@ -92,49 +106,4 @@ def lbfgs(
         },
     )
     status: Status = "converged" if found.success else "max_iter"
-    return watch.result("stopped_early" if watch.idle >= settings.patience else status)
-
-
-class _Watch:
-    """What L-BFGS passes on its way, and the best of it."""
-
-    def __init__(self, objective: Objective, weights: Array, settings: LBFGSSettings) -> None:
-        self._objective, self._settings = objective, settings
-        self._point = self._best = objective.at(weights)
-        self._best_iteration = 0
-        self._history = [self._errors(self._point)]
-        self.idle = 0
-
-    def cost(self, weights: Array) -> tuple[float, Array]:
-        """What is minimised, and its gradient."""
-        point = self._point = self._objective.at(weights)
-        return point.cost, self._objective.gradient(point)
-
-    def look(self, intermediate_result: OptimizeResult) -> None:
-        """Take note of a step; stops where the validation error has not fallen for long."""
-        point = self._point
-        if not np.array_equal(point.weights, intermediate_result.x):
-            point = self._objective.at(intermediate_result.x.copy())
-        self._history.append(self._errors(point))
-        # Written so that every point is the best where the validation error is NaN.
-        notable = (1 - self._settings.min_improvement) * self._best.validation_rms
-        self.idle = self.idle + 1 if point.validation_rms >= notable else 0
-        if not point.validation_rms >= self._best.validation_rms:
-            self._best, self._best_iteration = point, len(self._history) - 1
-        if self.idle >= self._settings.patience:
-            raise StopIteration
-
-    def result(self, status: Status) -> TrainingResult:
-        training_rms, validation_rms = np.array(self._history).T
-        return TrainingResult(
-            self._best.weights.copy(),
-            status,
-            len(self._history) - 1,
-            self._best_iteration,
-            training_rms,
-            validation_rms,
-        )
-
-    @staticmethod
-    def _errors(point: Point) -> tuple[float, float]:
-        return point.training_rms, point.validation_rms
+    return stopping.result("stopped_early" if stopping.is_over else status)

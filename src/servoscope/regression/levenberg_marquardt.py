@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.regression.normal_equations import NormalEquations, normal_equations
-from servoscope.regression.objective import Objective, Point
-from servoscope.regression.tanh_network import Array, append_ones, split_weights
-from servoscope.regression.training_result import Status, TrainingResult
+from servoscope.regression.tanh_network import Array, Objective, Point, append_ones, split_weights
+from servoscope.regression.training import EarlyStopping, Status, TrainingResult
 
 _DAMPING_FALL, _DAMPING_RISE = 0.5, 3.0
 _TRUSTED_GAIN = 0.75
@@ -113,10 +112,9 @@ def levenberg_marquardt(
     if equations is None:
         hidden = len(split_weights(weights, X.shape[1] + 1)[0])
         equations = normal_equations(objective.training_inputs, hidden)
-    point = best = objective.at(weights)
-    best_iteration = last_progress = 0
-    damping = settings.damping
-    history = [(point.training_rms, point.validation_rms, damping)]
+    point, damping = objective.at(weights), settings.damping
+    stopping = EarlyStopping(point, settings.patience, settings.min_improvement)
+    dampings = [damping]
     status: Status | None = None
     while status is None:
         advance = _descend(objective, equations, point, damping, settings.weight_decay)
@@ -125,25 +123,15 @@ def levenberg_marquardt(
             break
         relative_fall = 1.0 - advance.point.cost / point.cost
         point, damping = advance.point, advance.next_damping
-        history.append((point.training_rms, point.validation_rms, advance.damping))
-        iteration = len(history) - 1
-        # Written so that every point is the best where the validation error is NaN.
-        if not point.validation_rms >= (1 - settings.min_improvement) * best.validation_rms:
-            last_progress = iteration
-        if not point.validation_rms >= best.validation_rms:
-            best, best_iteration = point, iteration
-        status = _why_stop(settings, iteration, iteration - last_progress, relative_fall)
-    return _result(best, best_iteration, status, history)
-
-
-def _why_stop(
-    settings: LMSettings, iteration: int, idle: int, relative_fall: float
-) -> Status | None:
-    if idle >= settings.patience:
-        return "stopped_early"
-    if relative_fall <= settings.tol:
-        return "converged"
-    return "max_iter" if iteration >= settings.max_iter else None
+        stopping.note(point)
+        dampings.append(advance.damping)
+        if stopping.is_over:
+            status = "stopped_early"
+        elif relative_fall <= settings.tol:
+            status = "converged"
+        elif stopping.n_iter >= settings.max_iter:
+            status = "max_iter"
+    return LMResult(**vars(stopping.result(status)), damping=np.array(dampings))
 
 
 class _Advance(NamedTuple):
@@ -174,18 +162,3 @@ def _descend(
                 return _Advance(trial, damping, max(factor * damping, _DAMPING_LIMITS[0]))
         damping *= _DAMPING_RISE
     return None
-
-
-def _result(
-    best: Point, best_iteration: int, status: Status, history: list[tuple[float, float, float]]
-) -> LMResult:
-    training_rms, validation_rms, damping = np.array(history).T
-    return LMResult(
-        best.weights,
-        status,
-        len(history) - 1,
-        best_iteration,
-        training_rms,
-        validation_rms,
-        damping,
-    )

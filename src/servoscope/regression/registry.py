@@ -10,11 +10,12 @@ from sklearn.base import clone
 
 from servoscope.errors import InvalidInputError
 from servoscope.plugins import Registry
-from servoscope.regression.bayesian_network import BayesianLMRegressor
-from servoscope.regression.gaussian_process import GaussianProcess
-from servoscope.regression.kernel_ridge import GaussianKernelRidge
-from servoscope.regression.lbfgs_network import LBFGSRegressor
-from servoscope.regression.network import LMRegressor
+from servoscope.regression.kernel_regressors import GaussianKernelRidge, GaussianProcess
+from servoscope.regression.network_regressors import (
+    BayesianLMRegressor,
+    LBFGSRegressor,
+    LMRegressor,
+)
 
 
 class Regressor(Protocol):

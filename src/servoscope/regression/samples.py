@@ -1,14 +1,15 @@
-"""The samples that a regressor learns from, checked."""
+"""What regressors share: samples that are checked, repeated shots of a pose, predictions."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator
-from sklearn.utils.validation import validate_data
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.utils.validation import check_is_fitted, validate_data
 
 from servoscope.arrays import check_scale, check_unmasked
 from servoscope.errors import InvalidInputError
@@ -53,6 +54,65 @@ class Shots(NamedTuple):
 
     def _own_mean(self, values: Array) -> Array:
         return self.mean_of_poses(values)[self.members]
+
+
+class SampleRegressor(RegressorMixin, BaseEstimator):
+    """What the regressors here share: samples that are checked, and how they are asked."""
+
+    @abstractmethod
+    def _mean(self, X: Array) -> Array:
+        """The target at checked samples."""
+
+    @abstractmethod
+    def _deviation(self, X: Array) -> Array:
+        """Standard deviation of a new target at checked samples."""
+
+    @overload
+    def predict(self, X: ArrayLike, return_std: Literal[False] = False) -> Array: ...
+    @overload
+    def predict(self, X: ArrayLike, return_std: Literal[True]) -> tuple[Array, Array]: ...
+    def predict(self, X: ArrayLike, return_std: bool = False) -> Array | tuple[Array, Array]:
+        """The target at samples X of shape (n, n_features_in_).
+
+        Parameters
+        ----------
+        X : array of shape (n, n_features_in_)
+        return_std : bool
+
+        Returns
+        -------
+        y : ndarray of shape (n,)
+        std : ndarray of shape (n,)
+            Only if `return_std`: the standard deviation of a new target, its noise included.
+
+        Raises
+        ------
+        InvalidInputError
+            If values are masked or beyond 1e30, or the deviation is asked for and unknown, as it is
+            of networks that were kept as arrays before it was kept with them.
+        """
+        samples = self._check_features(X)
+        mean = self._mean(samples)
+        return (mean, self._deviation(samples)) if return_std else mean
+
+    def _check_features(self, X: ArrayLike) -> Array:
+        check_is_fitted(self)
+        check_unmasked(X, "X")
+        features = np.asarray(validate_data(self, X, reset=False, dtype=np.float64))
+        check_scale(features, "X")
+        return features
+
+    def _with_names(self, arrays: dict[str, NDArray]) -> dict[str, NDArray]:
+        """The arrays, with the names of the features if X had any."""
+        if hasattr(self, "feature_names_in_"):
+            arrays["feature_names"] = np.asarray(self.feature_names_in_, dtype=str)
+        return arrays
+
+    def _take_names(self, n_features: int, arrays: Mapping[str, ArrayLike]) -> None:
+        """Take the number of features and, if they are there, their names."""
+        self.n_features_in_ = n_features
+        if "feature_names" in arrays:
+            self.feature_names_in_ = np.asarray(arrays["feature_names"], dtype=object)
 
 
 def check_samples(
@@ -150,3 +210,18 @@ def _as_groups(poses: ArrayLike, n: int) -> Groups:
             f"shape {values.shape}."
         )
     return np.unique(values, return_inverse=True)[1].astype(np.intp)
+
+
+def calibration_ratio(errors: Array, expected: Array) -> float:
+    """RMS of errors, each in units of the standard deviation that was expected of it.
+
+    It is 1 where nothing can be said: where there are no errors at all, or none were expected.
+
+    Examples
+    --------
+    >>> calibration_ratio(np.array([3.0, -8.0]), np.array([1.5, 4.0]))
+    2.0
+    """
+    if not expected.all() or not errors.any():
+        return 1.0
+    return float(np.sqrt(np.mean((errors / expected) ** 2)))

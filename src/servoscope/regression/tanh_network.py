@@ -1,4 +1,4 @@
-"""A k-h-1 network of tanh hidden units and one linear output, and its derivatives.
+"""A k-h-1 network of tanh hidden units and one linear output, its derivatives, and its error.
 
 Inputs and hidden activations carry a last column of ones, so that biases are weights like any
 other: with the inputs ``Z = [X, 1]``, hidden weights ``W`` of shape (h, k + 1) and output weights
@@ -96,3 +96,58 @@ def initial_weights(n_features: int, hidden: int, rng: np.random.Generator) -> A
     b = rng.normal(0.0, 1.0, (hidden, 1))
     v = rng.normal(0.0, 0.3, hidden)
     return np.concatenate([np.hstack([W, b]).ravel(), v, [0.0]])
+
+
+class Point(NamedTuple):
+    """The network at some weights."""
+
+    weights: Array
+    activations: Array
+    """Of the training samples, (n, h + 1)."""
+    residuals: Array
+    """Of the training samples, (n,)."""
+    cost: float
+    """Sum of the squared residuals, and the weight decay times the squared weights."""
+    training_rms: float
+    validation_rms: float
+    """NaN without validation samples."""
+
+
+class Objective:
+    """The error of a network on training samples, and on validation samples if there are any."""
+
+    def __init__(
+        self, X: Array, y: Array, X_val: Array | None, y_val: Array | None, weight_decay: float
+    ) -> None:
+        self._inputs = append_ones(X if X_val is None else np.vstack([X, X_val]))
+        self._targets = y if y_val is None else np.concatenate([y, y_val])
+        self._n_train = len(y)
+        self._weight_decay = weight_decay
+
+    @property
+    def training_inputs(self) -> Array:
+        """Inputs of the training samples with their column of ones, (n, k + 1)."""
+        return self._inputs[: self._n_train]
+
+    def at(self, weights: Array) -> Point:
+        """The network at `weights`."""
+        n = self._n_train
+        activations = activate(weights, self._inputs)
+        _, v = split_weights(weights, self._inputs.shape[1])
+        errors = self._targets - activations @ v
+        residuals = errors[:n]
+        cost = float(residuals @ residuals + self._weight_decay * (weights @ weights))
+        return Point(weights, activations[:n], residuals, cost, _rms(residuals), _rms(errors[n:]))
+
+    def linearise(self, point: Point) -> Linearisation:
+        """The derivatives of the output at the training samples."""
+        return linearise(point.weights, self.training_inputs, point.activations)
+
+    def gradient(self, point: Point) -> Array:
+        """The derivatives of the cost by the weights, (n_weights,)."""
+        descent = self.linearise(point).transposed_times(point.residuals)
+        return 2 * (self._weight_decay * point.weights - descent)
+
+
+def _rms(errors: Array) -> float:
+    return float(np.sqrt(errors @ errors / len(errors))) if len(errors) else np.nan

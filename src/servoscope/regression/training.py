@@ -1,26 +1,118 @@
-"""A network trained from several starts on standardised samples."""
+"""Training of a network: what a start gives, early stopping, and the best of several starts."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servoscope.processes import one_blas_thread
 from servoscope.regression.samples import Shots
 from servoscope.regression.tanh_network import (
     Array,
+    Point,
     append_ones,
     count_weights,
     evaluate,
     initial_weights,
 )
-from servoscope.regression.training_result import TrainingResult
+
+Status = Literal["stopped_early", "converged", "max_iter", "damping_limit"]
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingResult:
+    """What training from one start gave.
+
+    Attributes
+    ----------
+    weights : ndarray of shape (n_weights,)
+        Those of the best iteration.
+    status : {"stopped_early", "converged", "max_iter", "damping_limit"}
+        Why training ended: the validation error stopped falling, the training error did, the
+        steps ran out, or no damping gave a step that lowers the training error.
+    n_iter : int
+        Number of steps taken.
+    best_iteration : int
+        The step after which the validation error was least; the last one without validation.
+    training_rms, validation_rms : ndarray of shape (n_iter + 1,)
+        Error before the first step and after each, in units of the target; the validation error
+        is NaN without validation.
+    """
+
+    weights: NDArray[np.float64]
+    status: Status
+    n_iter: int
+    best_iteration: int
+    training_rms: NDArray[np.float64]
+    validation_rms: NDArray[np.float64]
+
+    @property
+    def best_rms(self) -> float:
+        """Validation error of `weights`, or training error where there was no validation."""
+        rms = self.training_rms if np.isnan(self.validation_rms).any() else self.validation_rms
+        return float(rms[self.best_iteration])
+
+    @property
+    def loss(self) -> float:
+        """By which the best of several starts is chosen, the least one: `best_rms`."""
+        return self.best_rms
+
 
 _N_PARTS = 4
 """Parts of the samples that are left out in turn where no others show how large errors are."""
+
+
+class EarlyStopping:
+    """The points that training passes, the best of them, and for how long none was better.
+
+    Parameters
+    ----------
+    start : Point
+    patience : int
+        Steps without a notably lower validation error after which training is over.
+    min_improvement : float
+        Relative fall of the validation error that counts as notable.
+    """
+
+    def __init__(self, start: Point, patience: int, min_improvement: float) -> None:
+        self._patience, self._min_improvement = patience, min_improvement
+        self._history = [(start.training_rms, start.validation_rms)]
+        self._best, self._best_iteration, self._idle = start, 0, 0
+
+    def note(self, point: Point) -> None:
+        """Take note of the point that a step led to."""
+        self._history.append((point.training_rms, point.validation_rms))
+        # Written so that every point is the best where the validation error is NaN.
+        notable = (1 - self._min_improvement) * self._best.validation_rms
+        self._idle = self._idle + 1 if point.validation_rms >= notable else 0
+        if not point.validation_rms >= self._best.validation_rms:
+            self._best, self._best_iteration = point, self.n_iter
+
+    @property
+    def n_iter(self) -> int:
+        """Number of steps so far."""
+        return len(self._history) - 1
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the validation error has not fallen notably for as long as is waited for."""
+        return self._idle >= self._patience
+
+    def result(self, status: Status) -> TrainingResult:
+        """What training gave."""
+        training_rms, validation_rms = np.array(self._history).T
+        return TrainingResult(
+            self._best.weights.copy(),
+            status,
+            self.n_iter,
+            self._best_iteration,
+            training_rms,
+            validation_rms,
+        )
 
 
 class Settings(Protocol):
