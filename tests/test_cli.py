@@ -16,7 +16,7 @@ import pytest
 from planar import planar_data_set
 from servoscope.cli import main
 from servoscope.data.images import PoseImageSet
-from servoscope.storage.ownership import LOCK, owned
+from servoscope.storage.folders import LOCK, owned
 
 MOMENTS = ("--families", "moments")
 STUDY = ("study", "--n-images", "144", "--image-size", "24", "--seed", "3", "--protocol", "honest")

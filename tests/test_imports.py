@@ -24,7 +24,6 @@ ROOMS = (
     ("data", "tolerances"),
     ("scene", "formats"),
     ("robots",),
-    ("acquisition_config",),
     ("acquisition",),
     ("features",),
     ("selection",),
@@ -43,7 +42,7 @@ ROOMS = (
     ("__main__",),
 )
 RANK = {room: rank for rank, rooms in enumerate(ROOMS) for room in rooms}
-EDGE = {"scene", "formats", "robots", "acquisition_config", "acquisition", "acquisition_until"}
+EDGE = {"scene", "formats", "robots", "acquisition", "acquisition_until"}
 CORE = {"features", "kernels", "selection", "regression", "keyframe"}
 
 

@@ -1,15 +1,16 @@
-"""Taking images at random poses around the reference, in blocks that survive an interruption."""
+"""Taking images of the simulated part at random poses: what is asked for, and what is made."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
 from itertools import chain, islice, pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.acquisition_config import AcquisitionConfig as AcquisitionConfig
 from servoscope.data import folder as dataset_folder
 from servoscope.data.folder import (
     IMAGES_PER_CHUNK,
@@ -23,12 +24,223 @@ from servoscope.data.folder import (
     write_progress,
 )
 from servoscope.data.images import PoseImageSet
-from servoscope.errors import DataSetError, FolderExistsError, RobotFaultError
-from servoscope.poses import poses_from_displacements
+from servoscope.data.schedule import Ring, Schedule, check_schedule, format_schedule
+from servoscope.dofs import check_dofs, mask_of
+from servoscope.errors import DataSetError, FolderExistsError, InvalidInputError, RobotFaultError
+from servoscope.poses import DOFS, inverse_transform, poses_from_displacements
 from servoscope.processes import in_processes
-from servoscope.robots.registry import make_robot
+from servoscope.robots.free_camera import Repeatability
+from servoscope.robots.registry import check_robot, make_robot
+from servoscope.scene.scene import T_WORLD_REF, Scene, make_part
 
 Array = NDArray[np.float64]
+
+MOST_MM, MOST_DEG = 200.0, 60.0
+"""Largest displacements along and about an axis."""
+
+_POSES, _CAMERA, _REFERENCE, _REPLACEMENTS = range(4)
+"""What random numbers are drawn for: each has streams of its own."""
+
+
+@dataclass(frozen=True)
+class AcquisitionConfig:
+    """What images to take; the defaults are the paper's.
+
+    Parameters
+    ----------
+    n_images : int, optional
+        1000 by default; a schedule has its own.
+    image_size : int
+        Height and width, 16 to 2048, [px].
+    seed : int
+        Seed of the poses, the robot's errors and the noise.
+    translation_mm, rotation_deg : float
+        Displacements are drawn evenly from -this to this along and about each axis.
+    pivot_mm : float
+        Distance from the camera of the point that rotations are about.
+    repeatability_mm, repeatability_deg : float
+        Standard deviations, along and about each axis, of how far from the commanded pose the
+        robot comes to rest. The pose that the robot reports is what is stored.
+    schedule : sequence of (n_images, factor)
+        Rings, taken one after the other; each draws from `factor` times the range, up to 4.
+        Without any, `n_images` are drawn from the range itself.
+    part : {"cylinder_head", "textured_plane"}
+    variant : int
+        Another number, from 0, gives another part of the kind.
+    robot : {"free", "arm"}
+        What carries the camera: nothing, or a simulated arm, which reports the poses of its flange.
+    n_reference_images : int, optional
+        How many images the reference image is the mean of: by default 1, as in the paper, and 16
+        with a schedule.
+    dofs : tuple of str
+        The degrees of freedom that are displaced; the robot moves in no others but for its error.
+
+    Raises
+    ------
+    InvalidInputError
+        If a number is out of its range, a name is unknown, or `n_images` and `schedule` are both
+        given.
+
+    Examples
+    --------
+    >>> config = AcquisitionConfig(schedule=[(1000, 1.0), (400, 0.03)])
+    >>> config.poses().shape
+    (1400, 4, 4)
+    """
+
+    n_images: int | None = None
+    image_size: int = 256
+    seed: int = 0
+    translation_mm: float = 25.0
+    rotation_deg: float = 15.0
+    pivot_mm: float = 550.0
+    repeatability_mm: float = 0.05
+    repeatability_deg: float = 0.01
+    schedule: Schedule = ()
+    part: str = "cylinder_head"
+    variant: int = 0
+    robot: str = "free"
+    n_reference_images: int | None = None
+    dofs: tuple[str, ...] = DOFS
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "dofs", check_dofs(self.dofs))
+        object.__setattr__(self, "schedule", check_schedule(self.schedule))
+        if self.schedule and self.n_images is not None:
+            raise InvalidInputError(
+                f"A schedule says how many images to take; leave n_images out, got {self.n_images}."
+            )
+        for name, least in (
+            ("n_images", 1),
+            ("seed", 0),
+            ("variant", 0),
+            ("n_reference_images", 1),
+        ):
+            value = getattr(self, name)
+            if value is None and name.startswith("n_"):
+                continue
+            if not isinstance(value, int) or value < least:
+                raise InvalidInputError(
+                    f"{name} must be a whole number from {least}, got {value!r}."
+                )
+        factor = max(ring.factor for ring in self.rings())
+        for name, limit, share in (
+            ("translation_mm", MOST_MM, factor),
+            ("rotation_deg", MOST_DEG, factor),
+            ("pivot_mm", 5000.0, 1.0),
+            ("repeatability_mm", 10.0, 1.0),
+            ("repeatability_deg", 10.0, 1.0),
+        ):
+            value = getattr(self, name)
+            if not 0 <= share * value <= limit:
+                times = f" over the largest factor, {share:g}" if share > 1 else ""
+                raise InvalidInputError(f"{name} must be from 0 to {limit:g}{times}, got {value}.")
+        check_robot(self.robot)
+        self.scene()
+
+    def rings(self) -> Schedule:
+        """The rings that are taken; one where no schedule is given."""
+        return self.schedule or (Ring(1000 if self.n_images is None else self.n_images, 1.0),)
+
+    @property
+    def is_subset(self) -> bool:
+        """Whether not all degrees of freedom are displaced."""
+        return self.dofs != DOFS
+
+    def meta(self, T_world_ref: Array) -> dict[str, Any]:
+        """What ``meta.json`` says of such a data set beside its source."""
+        meta = {"pivot": self.pivot(T_world_ref), "pivot_ranges": self.pivot_ranges()}
+        return meta | {"split": "random"} | ({"dofs": list(self.dofs)} if self.is_subset else {})
+
+    def total(self) -> int:
+        """How many images are taken."""
+        return sum(ring.n_images for ring in self.rings())
+
+    def plan(self) -> dict[str, Any]:
+        """What is taken, as plain JSON values; equal for configs that give the same images."""
+        kind = f"simulated {self.part.replace('_', ' ')}"
+        settings = asdict(self)
+        del settings["schedule"], settings["dofs"]
+        if self.is_subset:
+            settings["dofs"] = list(self.dofs)
+        n_reference_images = self.n_reference_images or (16 if self.schedule else 1)
+        numbers = {"n_images": self.total(), "n_reference_images": n_reference_images}
+        return {"kind": kind, **settings, **numbers, "rings": format_schedule(self.rings())}
+
+    def scene(self) -> Scene:
+        """The scene that is looked at."""
+        return Scene(part=make_part(self.part, self.variant), image_size=self.image_size)
+
+    def repeatability(self) -> Repeatability:
+        """The robot's error, in metres and radians."""
+        return Repeatability(1e-3 * self.repeatability_mm, np.radians(self.repeatability_deg))
+
+    def ranges(self) -> Array:
+        """Largest displacement of each dof at factor 1, shape (6,), [m] and [rad]; 0 of others."""
+        ranges = [1e-3 * self.translation_mm] * 3 + [np.radians(self.rotation_deg)] * 3
+        return np.where(mask_of(self.dofs), ranges, 0.0)
+
+    def pivot_ranges(self) -> Array:
+        """Largest displacement of each dof in any ring, shape (6,), [m] and [rad]."""
+        return max(ring.factor for ring in self.rings()) * self.ranges()
+
+    def reference(self) -> Array:
+        """Pose that the robot reports when the camera is at the reference, (4, 4), [m]."""
+        return make_robot(self.robot, self.scene()).pose
+
+    def pivot(self, T_world_ref: Array) -> float:
+        """Distance of the pivot from the origin of the frame that the robot reports, [m].
+
+        Rotations are about a point on the z axis of that frame, as far along it as the point
+        `pivot_mm` before the camera, so that the part stays in view whatever carries the camera.
+        """
+        T_told_cam = inverse_transform(T_world_ref) @ T_WORLD_REF
+        return float((T_told_cam @ [0.0, 0.0, 1e-3 * self.pivot_mm, 1.0])[2])
+
+    def displacements(self) -> Array:
+        """The displacements that are drawn first, about the pivot, (n_images, 6), [m] and [rad].
+
+        More images in a ring begin with the same ones, and other rings do not change.
+        """
+        return np.concatenate(
+            [
+                self._stream(_POSES, r).uniform(-1.0, 1.0, (ring.n_images, 6))
+                * (ring.factor * self.ranges())
+                for r, ring in enumerate(self.rings())
+            ]
+        )
+
+    def replacements(self, i: int) -> Iterator[Array]:
+        """What is drawn for image `i`, one after the other, where a robot cannot go, (6,)."""
+        r, k = self._place(i)
+        rng = self._stream(_REPLACEMENTS, r, k)
+        while True:
+            yield rng.uniform(-1.0, 1.0, 6) * (self.rings()[r].factor * self.ranges())
+
+    def camera_rng(self, i: int | None = None) -> np.random.Generator:
+        """What draws the robot's errors and the noise of image `i`, or of the reference image."""
+        if i is None:
+            return self._stream(_REFERENCE, 0)
+        return self._stream(_CAMERA, *self._place(i))
+
+    def poses(self) -> Array:
+        """The poses that are commanded first, shape (n_images, 4, 4), [m]."""
+        T_world_ref = self.reference()
+        return poses_from_displacements(T_world_ref, self.displacements(), self.pivot(T_world_ref))
+
+    def _place(self, i: int) -> tuple[int, int]:
+        """The ring of image `i`, and its number in there."""
+        for r, ring in enumerate(self.rings()):
+            if i < ring.n_images:
+                return r, i
+            i -= ring.n_images
+        raise IndexError(i)
+
+    def _stream(self, purpose: int, r: int, *k: int) -> np.random.Generator:
+        # The first ring goes without its number: zeros at the end of short seeds change nothing.
+        return np.random.default_rng([self.seed, purpose, *k, *([r] if r else [])])
+
+
 Images = NDArray[np.uint8]
 
 MOST_DRAWS = 100

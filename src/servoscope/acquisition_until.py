@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from servoscope.acquisition import take_image, take_reference
-from servoscope.acquisition_config import AcquisitionConfig
+from servoscope.acquisition import AcquisitionConfig, take_image, take_reference
 from servoscope.data import folder as dataset_folder
 from servoscope.data.folder import (
     Folder,

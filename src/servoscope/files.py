@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+import zipfile
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
@@ -48,11 +50,19 @@ def to_json(value: Any) -> str:
     return json.dumps(value, indent=1, allow_nan=False, default=_plain)
 
 
-def write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Write an ``.npz`` without pickled objects, whole or not at all."""
+def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write an uncompressed ``.npz``, whole or not at all; equal arrays give equal bytes."""
     if any(array.dtype.hasobject for array in arrays.values()):
         raise TypeError("Arrays of Python objects cannot be written without pickle.")
-    write_atomically(path, lambda file: np.savez(file, **arrays))  # type: ignore[arg-type]
+
+    def write(file: BinaryIO) -> None:
+        with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
+            for name, array in arrays.items():
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    plain = np.asarray(array, order="C")
+                    np.lib.format.write_array(member, plain, allow_pickle=False)
+
+    write_atomically(path, write)
 
 
 def _plain(value: Any) -> Any:

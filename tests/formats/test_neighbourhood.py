@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from servoscope.errors import DataSetError
-from servoscope.formats import neighbourhood, pair_counts
+from servoscope.formats import neighbourhood
 from servoscope.formats.frames import Frames
 from servoscope.formats.neighbourhood import choose_reference, most_neighbours, near_reference
 from servoscope.formats.options import ImportOptions
@@ -76,13 +76,13 @@ def test_of_many_frames_the_reference_is_that_of_all_pairs(monkeypatch, kind):
 
 def test_the_time_of_the_choice_does_not_grow_with_the_pairs(monkeypatch, rng):
     pairs = []
-    count = pair_counts.count_pairs
+    count = neighbourhood._count_near
 
     def counted(a, b, *limits):
         pairs.append(len(a) * len(b))
         return count(a, b, *limits)
 
-    monkeypatch.setattr(pair_counts, "count_pairs", counted)
+    monkeypatch.setattr(neighbourhood, "_count_near", counted)
     monkeypatch.setattr(neighbourhood, "_SAMPLES", (100, 400))
     monkeypatch.setattr(neighbourhood, "_MOST_PAIRS", 10**6)
     for n in (4000, 8000):

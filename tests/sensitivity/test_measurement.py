@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from sklearn.base import BaseEstimator, TransformerMixin
 
-from servoscope.acquisition import acquire
-from servoscope.acquisition_config import AcquisitionConfig
+from servoscope.acquisition import AcquisitionConfig, acquire
 from servoscope.errors import InvalidInputError
 from servoscope.pipeline import Recipe
 from servoscope.scene.disturbances import DISTURBANCES, Disturbance

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from servoscope.storage import shared_folder
-from servoscope.storage.ownership import locked
+from servoscope.storage.folders import locked
 
 
 def leave_a_lock(folder, monkeypatch):

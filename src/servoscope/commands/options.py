@@ -12,7 +12,7 @@ from tyro.conf import Positional, arg
 
 from servoscope.data.splits import PROTOCOLS
 from servoscope.errors import InvalidInputError
-from servoscope.storage.ownership import owned
+from servoscope.storage.folders import owned
 
 Source = Positional[Annotated[Path, arg(metavar="SRC", help="Folder to read.")]]
 DataSetOut = Positional[Annotated[Path, arg(metavar="OUT", help="Data set folder to write.")]]

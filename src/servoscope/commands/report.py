@@ -12,7 +12,7 @@ def report(run: Run, jobs: Jobs = None, json: Json = False) -> None:
     """
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import print_facts
-    from servoscope.storage.ownership import owned
+    from servoscope.storage.folders import owned
     from servoscope.storage.run_folder import read_settings
     from servoscope.study.page import write_report
 

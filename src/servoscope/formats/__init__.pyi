@@ -1,10 +1,10 @@
-from .conventions import T_world_cam_from_numbers as T_world_cam_from_numbers
 from .folder import read_folder as read_folder
 from .images import read_grey as read_grey
 from .options import ImportOptions as ImportOptions
-from .pairing import Trajectory as Trajectory
-from .pairing import pair_in_time as pair_in_time
+from .pose_text import T_world_cam_from_numbers as T_world_cam_from_numbers
 from .registry import FORMATS as FORMATS
 from .registry import Format as Format
+from .stamps import Trajectory as Trajectory
+from .stamps import pair_in_time as pair_in_time
 from .tum import TumOptions as TumOptions
 from .tum import read_tum as read_tum

@@ -12,11 +12,15 @@ from numpy.typing import NDArray
 
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import DataSetError, ServoscopeWarning
-from servoscope.formats.drops import BAD_IMAGE, FAR, HELD_POSE, Drops
-from servoscope.formats.frames import Frames
-from servoscope.formats.grey_levels import filled_bits, to_eight_bits
-from servoscope.formats.held_poses import held_poses
-from servoscope.formats.images import GreyLevels, read_levels, read_stack, which_readable
+from servoscope.formats.frames import BAD_IMAGE, FAR, HELD_POSE, Drops, Frames, held_poses
+from servoscope.formats.images import (
+    GreyLevels,
+    filled_bits,
+    read_levels,
+    read_stack,
+    to_eight_bits,
+    which_readable,
+)
 from servoscope.formats.neighbourhood import choose_reference, near_reference
 from servoscope.formats.options import ImportOptions
 from servoscope.poses import pose_error

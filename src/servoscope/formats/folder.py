@@ -15,11 +15,10 @@ import numpy as np
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import DataSetError
 from servoscope.formats.assembly import assemble_data_set
-from servoscope.formats.conventions import T_world_cam_from_numbers
-from servoscope.formats.drops import BAD_POSE, Drops
-from servoscope.formats.frames import Frames, check_names_differ
+from servoscope.formats.frames import BAD_POSE, Drops, Frames, check_names_differ
 from servoscope.formats.options import ImportOptions
 from servoscope.formats.pose_text import (
+    T_world_cam_from_numbers,
     check_folder,
     other_separators,
     parse_numbers,

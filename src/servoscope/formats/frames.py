@@ -1,9 +1,10 @@
-"""The frames of a source: names, poses and times, before any image is read."""
+"""The frames of a source before any image is read; what is left out of them, and why."""
 
 from __future__ import annotations
 
 import os
-from collections import Counter
+from collections import Counter, defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from unicodedata import normalize
@@ -12,6 +13,52 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import DataSetError
+
+NO_POSE = "without a pose near in time"
+BAD_POSE = "with an unusable pose"
+EQUAL_STAMPS = "stamps of several poses"
+BAD_IMAGE = "with an unusable image"
+FAR = "far from the reference"
+HELD_POSE = "with a pose that stays while the image changes"
+
+_NAMES_SHOWN = 3
+
+
+class Drops:
+    """Names of what was left out, by reason.
+
+    Examples
+    --------
+    >>> drops = Drops()
+    >>> drops.add(BAD_IMAGE, ["left/0007.png"])
+    >>> drops.counts()
+    {'with an unusable image': 1}
+    >>> print(drops)
+    1 with an unusable image (left/0007.png)
+    """
+
+    def __init__(self) -> None:
+        self._names: dict[str, dict[str, None]] = {}
+
+    def add(self, reason: str, names: Iterable[str]) -> None:
+        """Note that these were left out for this reason; each name counts once."""
+        if names := dict.fromkeys(names):
+            self._names.setdefault(reason, {}).update(names)
+
+    def counts(self) -> dict[str, int]:
+        """How many were left out, by reason."""
+        return {reason: len(names) for reason, names in self._names.items()}
+
+    def __str__(self) -> str:
+        return ", ".join(
+            f"{len(names)} {reason}{_examples(list(names)) if reason != FAR else ''}"
+            for reason, names in self._names.items()
+        )
+
+
+def _examples(names: list[str]) -> str:
+    shown = names if len(names) <= _NAMES_SHOWN else [*names[: _NAMES_SHOWN - 1], "..."]
+    return f" ({', '.join(shown)})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,3 +145,45 @@ def _list(folder: str) -> list[str]:
         return os.listdir(folder)
     except OSError:
         return []
+
+
+_LEAST_CHANGE = 0.5
+_ROUNDED = 1e-9
+
+
+def held_poses(images: NDArray[np.uint8], frames: Frames) -> NDArray[np.bool_]:
+    """Which frames share their pose with others, though their images differ as those of others do.
+
+    Several images taken from one pose differ by noise alone. Those whose first and later ones
+    differ, in the median, by half as much as neighbours of different poses do were not taken there.
+
+    Parameters
+    ----------
+    images : ndarray of shape (n, height, width), uint8
+    frames : Frames
+        Of n images.
+
+    Returns
+    -------
+    ndarray of shape (n,), bool
+    """
+    held = np.zeros(len(frames), dtype=bool)
+    numbers = np.round(frames.T_world_cam[:, :3].reshape(-1, 12) / _ROUNDED).astype(np.int64) + 0
+    by_pose: dict[bytes, list[int]] = defaultdict(list)
+    for i, row in enumerate(numbers):
+        by_pose[row.tobytes()].append(i)
+    shared = [members for members in by_pose.values() if len(members) > 1]
+    moved = np.flatnonzero((numbers[1:] != numbers[:-1]).any(axis=1))
+    if not shared or not moved.size:
+        return held
+    some = moved[:: 1 + len(moved) // 200]
+    usual = np.median([_difference(images[i], images[i + 1]) for i in some])
+    for first, *others in shared:
+        changes = [_difference(images[first], images[i]) for i in others]
+        held[[first, *others]] = np.median(changes) > max(_LEAST_CHANGE * usual, 1.0)
+    return held
+
+
+def _difference(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
+    """Mean difference of the grey levels."""
+    return float(np.abs(a.astype(np.int16) - b).mean())

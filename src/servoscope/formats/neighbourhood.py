@@ -16,6 +16,7 @@ from servoscope.poses import pose_error
 
 _SAMPLES = (1000, 4000, 16_000)
 _MOST_PAIRS = 10**8
+_PAIRS_AT_ONCE = 10**6
 
 
 def choose_reference(frames: Frames, options: ImportOptions) -> int:
@@ -114,10 +115,12 @@ def _count_near(
     T_a: NDArray[np.float64], T_b: NDArray[np.float64], far: float, least_cosine: float
 ) -> NDArray[np.intp]:
     """How many poses of `T_b` lie within the limits of each of `T_a`."""
-    from servoscope.formats import pair_counts  # it compiles, which takes a while
-
-    numbers = (np.ascontiguousarray(T[:, :3]).reshape(-1, 12) for T in (T_a, T_b))
-    return pair_counts.count_pairs(*numbers, (far + 1e-12) ** 2, 2 * (least_cosine - 1e-12) + 1)
+    rows, counts = max(1, _PAIRS_AT_ONCE // len(T_b)), []
+    for start in range(0, len(T_a), rows):
+        distances, cosines = _distances_and_cosines(T_a[start : start + rows], T_b)
+        near = (distances <= far + 1e-12) & (cosines >= least_cosine - 1e-12)
+        counts.append(near.sum(axis=1))
+    return np.concatenate(counts)
 
 
 def _distances_and_cosines(

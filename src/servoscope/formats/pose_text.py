@@ -1,19 +1,146 @@
-"""Poses written as text: separators, numbers, and what makes a pose unusable."""
+"""Poses written as text: separators, numbers, names of columns, and pose conventions."""
 
 from __future__ import annotations
 
 import math
 import os
 import posixpath
+import re
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from reprlib import repr as brief
 from unicodedata import normalize
 
-from servoscope.errors import DataSetError
-from servoscope.formats.conventions import METRES
-from servoscope.formats.options import Units
-from servoscope.poses import FARTHEST
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from servoscope.errors import DataSetError, ServoscopeWarning
+from servoscope.formats.options import Axes, Direction, QuaternionOrder, Units
+from servoscope.poses import FARTHEST, inverse_transform, poses_from_quaternions
+
+METRES = {"m": 1.0, "mm": 1e-3}
+"""Metres of each unit."""
+
+_OPENCV_FROM = {"opencv": np.eye(4), "opengl": np.diag([1.0, -1.0, -1.0, 1.0])}
+_LENGTH_TOLERANCE = 0.01
+
+
+def T_world_cam_from_numbers(
+    numbers: ArrayLike,
+    *,
+    direction: Direction = "camera-to-world",
+    units: Units = "m",
+    quaternion_order: QuaternionOrder = "xyzw",
+    axes: Axes = "opencv",
+) -> NDArray[np.float64]:
+    """Camera poses in servoscope's convention from translations and quaternions in any other.
+
+    Parameters
+    ----------
+    numbers : array of shape (n, 7)
+        Translation, then quaternion.
+    direction : {"camera-to-world", "world-to-camera"}
+        What the given transforms map.
+    units : {"m", "mm"}
+        Of the translations.
+    quaternion_order : {"xyzw", "wxyz"}
+        Scalar last or scalar first.
+    axes : {"opencv", "opengl"}
+        Camera axes of the given transforms: x right, y down, z forward; or x right, y up,
+        z backward.
+
+    Returns
+    -------
+    T_world_cam : ndarray of shape (n, 4, 4)
+        Camera to world, [m], with OpenCV axes.
+
+    Raises
+    ------
+    InvalidInputError
+        If a number is not finite or a quaternion has zero length.
+
+    Warns
+    -----
+    ServoscopeWarning
+        If quaternions are so far from unit length that something else may stand there.
+
+    Examples
+    --------
+    A world origin that the camera sees 550 mm ahead:
+
+    >>> T = T_world_cam_from_numbers(
+    ...     [[0, 0, 550, 0, 0, 0, 1]], direction="world-to-camera", units="mm"
+    ... )
+    >>> float(T[0, 2, 3])
+    -0.55
+    """
+    numbers = np.asarray(numbers, dtype=float).reshape(-1, 7)
+    quaternion = numbers[:, 3:]
+    if quaternion_order == "wxyz":
+        quaternion = np.roll(quaternion, -1, axis=1)
+    _check_unit_length(quaternion)
+    T = poses_from_quaternions(numbers[:, :3] * METRES[units], quaternion)
+    if direction == "world-to-camera":
+        T = inverse_transform(T)
+    return T @ _OPENCV_FROM[axes]
+
+
+def _check_unit_length(quaternion: NDArray[np.float64]) -> None:
+    lengths = np.linalg.norm(quaternion, axis=1)
+    odd = np.abs(lengths - 1) > _LENGTH_TOLERANCE
+    if odd.any():
+        warnings.warn(
+            f"{odd.sum()} of {len(odd)} quaternions are not of unit length "
+            f"({lengths.min():.3g} to {lengths.max():.3g}); they were normalised, but check that "
+            "the columns are quaternions.",
+            ServoscopeWarning,
+            stacklevel=3,
+        )
+
+
+_AXIS = re.compile(r"(?:[\w./]*[_./])?(?:[tpqr]|pos|quat|rot)?([wxyz])")
+_PART_OF_QUATERNION = re.compile(r"q\w*[wxyz]")
+_ORDERS = ("xyzw", "wxyz")
+
+
+def check_pose_header(line: str, quaternion_order: str, where: str) -> None:
+    """Check that column names, if a line holds them, do not contradict what is read.
+
+    Names such as ``tx``, ``q_w``, ``pose.orientation.x`` or ``q_RS_w []`` are known by the axis
+    that they end with. A line holds names if it has seven of them, four of a quaternion, or the
+    word ``xyzw`` or ``wxyz``.
+
+    Raises
+    ------
+    DataSetError
+        If seven names of axes are in another order than translation and quaternion.
+
+    Examples
+    --------
+    >>> check_pose_header("# timestamp tx ty tz qx qy qz qw", "xyzw", "groundtruth.txt, line 1")
+    """
+    words = re.split(r"[\s,;|:=()\[\]]+", line.lower().lstrip("#%/ "))
+    names = [word for word in words if _AXIS.fullmatch(word)][:7]
+    letters = "".join(name[-1] for name in names)
+    if sorted(letters) == sorted("xyzwxyz"):
+        is_as_read = letters == "xyz" + quaternion_order
+        order = letters[3:] if letters.startswith("xyz") else ""
+    else:
+        names = [word for word in words if _PART_OF_QUATERNION.fullmatch(word)]
+        names = names if len(names) == 4 else [word for word in words if word in _ORDERS][:1]
+        order = "".join(name[-1] for name in names) if len(names) == 4 else "".join(names)
+        is_as_read = order == quaternion_order or sorted(order) != sorted("wxyz")
+    if is_as_read:
+        return
+    advice = "put the columns in that order"
+    if order in _ORDERS:
+        advice = f"say --quaternion-order {order}"
+    raise DataSetError(
+        f"{where}: the columns are called {' '.join(names)!r}, but are read as tx ty tz and a "
+        f"quaternion {quaternion_order}; {advice}, or mend the line."
+    )
+
 
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars", ",": "commas", " ": "spaces"}
 

@@ -16,21 +16,28 @@ import numpy as np
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.formats.assembly import assemble_data_set
-from servoscope.formats.conventions import T_world_cam_from_numbers
-from servoscope.formats.drops import BAD_POSE, EQUAL_STAMPS, NO_POSE, Drops
-from servoscope.formats.frames import Frames, check_names_differ
+from servoscope.formats.frames import (
+    BAD_POSE,
+    EQUAL_STAMPS,
+    NO_POSE,
+    Drops,
+    Frames,
+    check_names_differ,
+)
 from servoscope.formats.options import ImportOptions, QuaternionOrder
-from servoscope.formats.pairing import Trajectory, pair_in_time
-from servoscope.formats.pose_header import check_pose_header
 from servoscope.formats.pose_text import (
+    T_world_cam_from_numbers,
     check_folder,
+    check_pose_header,
     other_separators,
     parse_numbers,
     parse_pose,
     relative_name,
 )
 from servoscope.formats.stamps import (
+    Trajectory,
     check_seconds,
+    pair_in_time,
     resolution,
     stamp_warnings,
     without_equal_stamps,

@@ -11,8 +11,7 @@ from servoscope.positioning.keyframe_model import KeyframeModel
 from servoscope.rehearsal.relighting import light_change
 from servoscope.rehearsal.true_view import OwnErrors, TrueView
 from servoscope.robots.free_camera import FreeMotion
-from servoscope.robots.late_images import LateImages
-from servoscope.robots.registry import SimulatedRobot
+from servoscope.robots.registry import LateImages, SimulatedRobot
 from servoscope.scene.disturbances import added_noise
 from servoscope.scene.lighting import Falloff
 from servoscope.scene.scene import Scene

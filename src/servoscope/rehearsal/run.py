@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.acquisition_config import MOST_DEG, MOST_MM
+from servoscope.acquisition import MOST_DEG, MOST_MM
 from servoscope.dofs import mask_of
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS

@@ -8,10 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from servoscope.errors import InvalidInputError
 from servoscope.poses import as_rigid, inverse_transform, rigid_transform
-from servoscope.robots.arm_kinematics import flange_pose, inverse_kinematics
-from servoscope.robots.arm_model import N_JOINTS, TIMESTEP, arm_mjcf
-from servoscope.robots.arm_motion import minimum_jerk
-from servoscope.robots.arm_physics import ArmPhysics
+from servoscope.robots.arm_kinematics import flange_pose, inverse_kinematics, minimum_jerk
+from servoscope.robots.arm_model import N_JOINTS, TIMESTEP, ArmPhysics, arm_mjcf
 from servoscope.robots.free_camera import Repeatability
 from servoscope.scene.cylinder_head import CylinderHead
 from servoscope.scene.geometry import geometry_of

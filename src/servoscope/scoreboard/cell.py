@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from servoscope.dofs import mask_of
 from servoscope.poses import DOFS, inverse_transform, poses_from_displacements
-from servoscope.robots.late_images import LateImages
-from servoscope.robots.registry import SimulatedRobot, make_robot
+from servoscope.robots.registry import LateImages, SimulatedRobot, make_robot
 from servoscope.scene.render import prepare
 from servoscope.scene.scene import T_WORLD_REF, Scene, make_part
 from servoscope.scoreboard.conditions import CONDITIONS

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.acquisition_config import AcquisitionConfig
+from servoscope.acquisition import AcquisitionConfig
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 from servoscope.processes import in_processes, one_blas_thread

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from servoscope.acquisition_config import AcquisitionConfig
+from servoscope.acquisition import AcquisitionConfig
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import InvalidInputError
 from servoscope.features.catalogue import FAMILIES

@@ -23,13 +23,12 @@ from numpy.typing import NDArray
 
 from servoscope import __version__
 from servoscope.errors import FolderExistsError, InvalidInputError, ModelError
-from servoscope.files import to_json, write_text
-from servoscope.storage.model_arrays import (
+from servoscope.files import to_json, write_arrays, write_text
+from servoscope.storage.archives import (
     Arrays,
     make_table,
-    read_arrays,
+    read_checked_arrays,
     read_table,
-    write_arrays,
 )
 from servoscope.storage.reading import parse_json, read_bytes
 from servoscope.wording import one_line
@@ -110,7 +109,7 @@ def read_model(folder: Folder) -> tuple[dict[str, Any], Arrays]:
     path, values = _open(Path(folder))
     try:
         _check_regular(path / ARRAYS)
-        return values["header"], read_arrays(path / ARRAYS, read_table(values["arrays"]))
+        return values["header"], read_checked_arrays(path / ARRAYS, read_table(values["arrays"]))
     except Exception as error:  # zipfile and numpy raise of every kind on damaged files
         _refuse(path / ARRAYS, error)
 

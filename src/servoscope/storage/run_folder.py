@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from servoscope import __version__, files
 from servoscope.errors import FolderExistsError, RunFolderError
 from servoscope.storage import archives, reading
-from servoscope.storage.ownership import LOCK, owned
-from servoscope.storage.replacing import (
+from servoscope.storage.folders import (
+    LOCK,
     NEW,
     complete_interrupted,
     complete_replacement,
+    owned,
     replacing,
 )
 

@@ -11,7 +11,7 @@ from contextlib import ExitStack, suppress
 from functools import cache
 from pathlib import Path
 
-from servoscope.storage.ownership import locked
+from servoscope.storage.folders import locked
 
 SHARED_MEMORY = Path("/dev/shm")  # noqa: S108  where Linux has it
 _LEAST_FREE = 2 * 10**9
