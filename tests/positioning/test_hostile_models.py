@@ -117,7 +117,7 @@ def test_white_space_is_no_change(model):
         ({"shape": [True, 12]}, "the shape of"),
         ({"shape": 12}, "the shape of"),
         ({"sha256": 0}, "have changed"),
-        ({"more": 0}, "tells not dtype"),
+        ({"more": 0}, "lacks dtype"),
     ],
 )
 def test_a_table_that_is_not_of_the_arrays_is_refused(model, entry, match):
