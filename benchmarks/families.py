@@ -23,8 +23,8 @@ from benchmarks.family_figure import draw_errors
 from benchmarks.tables import Findings, as_markdown
 from servoscope.data.independence import split_data
 from servoscope.features.catalogue import default_families
-from servoscope.scene.disturbances import SINGLE_DISTURBANCES
 from servoscope.processes import one_blas_thread
+from servoscope.scene.disturbances import SINGLE_DISTURBANCES
 
 CONDITIONS = ("clean", *SINGLE_DISTURBANCES)
 MAX_SAMPLES = 5000

@@ -18,11 +18,9 @@ from benchmarks.tables import Findings
 from servoscope.poses import inverse_transform, pose_error, poses_from_displacements
 from servoscope.positioning.photometric import PhotometricEstimate, PhotometricServoing
 from servoscope.processes import in_processes
-from servoscope.scene.camera import Covering
-from servoscope.scene.camera import Lens
+from servoscope.scene.camera import Covering, Lens, Sensor
 from servoscope.scene.render import render
 from servoscope.scene.scene import T_WORLD_REF, Scene
-from servoscope.scene.camera import Sensor
 from servoscope.scene.textured_plane import TexturedPlane
 
 SIZE = 256

@@ -160,14 +160,10 @@ def bayesian_lm(
 
     Parameters
     ----------
-    X : ndarray of shape (n, k)
-        Inputs of about unit scale.
-    y : ndarray of shape (n,)
-        Target of about unit scale.
-    weights : ndarray of shape (h (k + 2) + 1,)
-        Weights to start from, in the order of `servoscope.regression.tanh_network`.
-    X_val, y_val : ndarray of shape (n_val, k) and (n_val,), optional
-        Of no use here; taken so that all ways of training are called alike.
+    X, y, weights
+        As of `levenberg_marquardt`.
+    X_val, y_val : ignored
+        Taken so that all ways of training are called alike.
     settings : BayesianSettings, optional
     equations : NormalEquations, optional
         As for `levenberg_marquardt`.

@@ -22,7 +22,6 @@ from servoscope.regression.samples import (
     Shots,
     calibration_ratio,
     check_arrays,
-    check_samples,
     least_deviation,
 )
 
@@ -42,39 +41,11 @@ class KernelRegressor(SampleRegressor):
     def _find_kernel(self, samples: Samples) -> GaussianKernel:
         """The kernel under which the samples are to be seen."""
 
-    def fit(
-        self,
-        X: ArrayLike,
-        y: ArrayLike,
-        X_val: ArrayLike | None = None,
-        y_val: ArrayLike | None = None,
-        poses: ArrayLike | None = None,
-    ) -> Self:
-        """Learn from samples X (n, k) and y (n,).
-
-        Parameters
-        ----------
-        X, y : arrays of shape (n, n_features) and (n,)
-            Two samples at least.
-        X_val, y_val : arrays of shape (n_val, n_features) and (n_val,), optional
-            More samples to learn from, once it is seen how large the errors at them are: by as
-            much the predicted standard deviation is raised or lowered.
-        poses : array of shape (n,) or (n + n_val,), optional
-            Samples of equal value are repeated shots of one pose, which count as one sample, their
-            mean. By default they are found (`servoscope.kernels.find_repeats`).
-
-        Raises
-        ------
-        InvalidInputError
-            If `max_samples` is below 1, only one of X_val and y_val is given, or values are masked
-            or beyond 1e30.
-        ValueError
-            If an array is empty, has the wrong shape or holds NaN or infinity, or there is one
-            sample only.
-        """
+    def _check_parameters(self) -> None:
         if self.max_samples < 1:
             raise InvalidInputError(f"max_samples must be at least 1, got {self.max_samples}.")
-        learned, others = check_samples(self, X, y, X_val, y_val, poses)
+
+    def _learn(self, learned: Shots, others: Shots | None) -> None:
         training = drawn(learned.poses, self.max_samples)
         samples, kernel = training, self._find_kernel(training)
         if others is None:
@@ -91,7 +62,6 @@ class KernelRegressor(SampleRegressor):
             noise *= len(samples.y) / (len(samples.y) - 1)
         kernel = replace(kernel, signal=factor * kernel.signal, noise=noise)
         self.posterior_ = KernelPosterior(kernel, *samples)
-        return self
 
     def _mean(self, X: Array) -> Array:
         return self.posterior_.mean(X)

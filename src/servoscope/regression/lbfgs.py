@@ -55,14 +55,8 @@ def lbfgs(
 
     Parameters
     ----------
-    X : ndarray of shape (n, k)
-        Inputs of about unit scale.
-    y : ndarray of shape (n,)
-        Target of about unit scale.
-    weights : ndarray of shape (h (k + 2) + 1,)
-        Weights to start from, in the order of `servoscope.regression.tanh_network`.
-    X_val, y_val : ndarray of shape (n_val, k) and (n_val,), optional
-        Samples that stop the training and choose its best iteration.
+    X, y, weights, X_val, y_val
+        As of `levenberg_marquardt`.
     settings : LBFGSSettings, optional
 
     Returns

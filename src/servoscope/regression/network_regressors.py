@@ -20,9 +20,9 @@ from servoscope.regression.samples import (
     Array,
     SampleRegressor,
     Samples,
+    Shots,
     calibration_ratio,
     check_arrays,
-    check_samples,
     least_deviation,
 )
 from servoscope.regression.training import (
@@ -49,50 +49,12 @@ class NetworkRegressor(SampleRegressor):
     def _settings(self) -> Settings:
         """How each start is trained."""
 
-    @abstractmethod
-    def _check_parameters(self) -> None:
-        """Raise InvalidInputError where a parameter is out of range."""
-
-    def fit(
-        self,
-        X: ArrayLike,
-        y: ArrayLike,
-        X_val: ArrayLike | None = None,
-        y_val: ArrayLike | None = None,
-        poses: ArrayLike | None = None,
-    ) -> Self:
-        """Train on samples X (n, k) and y (n,), stopping by X_val (n_val, k) and y_val (n_val,).
-
-        Parameters
-        ----------
-        X, y : arrays of shape (n, n_features) and (n,)
-            Two samples at least.
-        X_val, y_val : arrays of shape (n_val, n_features) and (n_val,), optional
-            Those of poses that are trained on stop nothing, and are trained on as well.
-        poses : array of shape (n,) or (n + n_val,), optional
-            Samples of equal value are repeated shots of one pose, which count as one sample, their
-            mean. By default they are found (`servoscope.kernels.find_repeats`).
-
-        Returns
-        -------
-        self
-
-        Raises
-        ------
-        InvalidInputError
-            If a parameter is out of range, only one of X_val and y_val is given, or values are
-            masked or beyond 1e30.
-        ValueError
-            If an array is empty, has the wrong shape or holds NaN or infinity, or there is one
-            sample only.
-        """
-        options = self.training_options()
-        learned, others = check_samples(self, X, y, X_val, y_val, poses)
+    def _learn(self, learned: Shots, others: Shots | None) -> None:
+        options = self._training_options()
         validation = (None, None) if others is None else others.each
         network = train_restarts(*learned.poses, *validation, **options)
         error = rms_left_out(learned, options) if others is None else network.error
         self.network_ = replace(network, error=error or least_deviation(learned.each.y))
-        return self
 
     def _mean(self, X: Array) -> Array:
         return self.network_.predict(X)
@@ -121,24 +83,12 @@ class NetworkRegressor(SampleRegressor):
         """Number of steps of the start that was kept."""
         return self.result_.n_iter
 
-    def training_options(self, seed: int | None = None) -> dict[str, Any]:
-        """Checked arguments for `servoscope.regression.training.train_restarts`.
-
-        Parameters
-        ----------
-        seed : int, optional
-            In place of `random_state`.
-
-        Raises
-        ------
-        InvalidInputError
-            If a parameter is out of range.
-        """
-        self._check_parameters()
+    def _training_options(self) -> dict[str, Any]:
+        """Arguments for `train_restarts`."""
         return {
             "hidden": self.hidden,
             "restarts": self.restarts,
-            "seed": _seed(self.random_state) if seed is None else seed,
+            "seed": _seed(self.random_state),
             "settings": self._settings(),
         }
 
@@ -314,17 +264,8 @@ class LBFGSRegressor(NetworkRegressor):
 
     Attributes
     ----------
-    network_ : TrainedNetwork
-        Weights and scales.
-    results_ : tuple of TrainingResult
-        How each start went; errors in units of the target.
-    result_ : TrainingResult
-        The start that was kept.
-    n_iter_ : int
-        Number of steps of that start.
-    n_features_in_ : int
-    feature_names_in_ : ndarray of shape (n_features_in_,)
-        Only where X had names.
+    network_, results_, result_, n_iter_, n_features_in_, feature_names_in_
+        As of `LMRegressor`.
 
     Examples
     --------
@@ -381,19 +322,10 @@ class BayesianLMRegressor(NetworkRegressor):
 
     Attributes
     ----------
-    network_ : TrainedNetwork
-        Weights and scales.
     posterior_ : WeightPosterior
         What the samples leave open, for standardised inputs and target.
-    results_ : tuple of BayesianResult
-        How each start went; errors in units of the target.
-    result_ : BayesianResult
-        The start that was kept.
-    n_iter_ : int
-        Number of steps of that start.
-    n_features_in_ : int
-    feature_names_in_ : ndarray of shape (n_features_in_,)
-        Only where X had names.
+    network_, results_, result_, n_iter_, n_features_in_, feature_names_in_
+        As of `LMRegressor`; the results are `BayesianResult`.
 
     Examples
     --------
@@ -416,38 +348,7 @@ class BayesianLMRegressor(NetworkRegressor):
         self.restarts = restarts
         self.random_state = random_state
 
-    def fit(
-        self,
-        X: ArrayLike,
-        y: ArrayLike,
-        X_val: ArrayLike | None = None,
-        y_val: ArrayLike | None = None,
-        poses: ArrayLike | None = None,
-    ) -> Self:
-        """Train on samples X (n, k) and y (n,).
-
-        Parameters
-        ----------
-        X, y : arrays of shape (n, n_features) and (n,)
-            Two samples at least.
-        X_val, y_val : arrays of shape (n_val, n_features) and (n_val,), optional
-            More samples to learn from, once it is seen how large the errors at them are: by as
-            much the predicted standard deviation is raised or lowered.
-        poses : array of shape (n,) or (n + n_val,), optional
-            Samples of equal value are repeated shots of one pose, which count as one sample, their
-            mean. By default they are found (`servoscope.kernels.find_repeats`).
-
-        Raises
-        ------
-        InvalidInputError
-            If a parameter is out of range, only one of X_val and y_val is given, or values are
-            masked or beyond 1e30.
-        ValueError
-            If an array is empty, has the wrong shape or holds NaN or infinity, or there is one
-            sample only.
-        """
-        self._check_parameters()
-        learned, others = check_samples(self, X, y, X_val, y_val, poses)
+    def _learn(self, learned: Shots, others: Shots | None) -> None:
         self._train(learned.poses)
         noise = self.posterior_.noise / float(self.network_.target.scale)
         if others is not None:
@@ -458,7 +359,6 @@ class BayesianLMRegressor(NetworkRegressor):
             within = learned.noise_within(learned.each.y - self.network_.predict(learned.each.X))
             noise = float(np.hypot(noise, np.sqrt(within))) or least_deviation(learned.each.y)
             self._set_noise(noise)
-        return self
 
     @property
     def result_(self) -> BayesianResult:
@@ -467,7 +367,7 @@ class BayesianLMRegressor(NetworkRegressor):
 
     def _train(self, samples: Samples, noise: float | None = None) -> None:
         """Train anew; `noise`, in the unit of the target, replaces what the samples say of it."""
-        self.network_ = train_restarts(*samples, None, None, **self.training_options())
+        self.network_ = train_restarts(*samples, None, None, **self._training_options())
         evidence = self.result_.evidence
         self.posterior_ = WeightPosterior(
             self.network_.weights,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any, Literal, NamedTuple, overload
+from typing import Any, Literal, NamedTuple, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -60,12 +60,59 @@ class SampleRegressor(RegressorMixin, BaseEstimator):
     """What the regressors here share: samples that are checked, and how they are asked."""
 
     @abstractmethod
+    def _check_parameters(self) -> None:
+        """Raise InvalidInputError where a parameter is out of range."""
+
+    @abstractmethod
+    def _learn(self, learned: Shots, others: Shots | None) -> None:
+        """Learn from shots, and from or by those of other poses, if there are any."""
+
+    @abstractmethod
     def _mean(self, X: Array) -> Array:
         """The target at checked samples."""
 
     @abstractmethod
     def _deviation(self, X: Array) -> Array:
         """Standard deviation of a new target at checked samples."""
+
+    def fit(
+        self,
+        X: ArrayLike,
+        y: ArrayLike,
+        X_val: ArrayLike | None = None,
+        y_val: ArrayLike | None = None,
+        poses: ArrayLike | None = None,
+    ) -> Self:
+        """Learn from samples X (n, k) and y (n,).
+
+        Parameters
+        ----------
+        X, y : arrays of shape (n, n_features) and (n,)
+            Two samples at least.
+        X_val, y_val : arrays of shape (n_val, n_features) and (n_val,), optional
+            They stop the training of networks that need it. Other regressors learn from them as
+            well, once their errors have raised or lowered the predicted standard deviation. Those
+            of poses that are trained on are training samples.
+        poses : array of shape (n,) or (n + n_val,), optional
+            Samples of equal value are repeated shots of one pose, which count as one sample, their
+            mean. By default they are found (`servoscope.kernels.find_repeats`).
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        InvalidInputError
+            If a parameter is out of range, only one of X_val and y_val is given, or values are
+            masked or beyond 1e30.
+        ValueError
+            If an array is empty, has the wrong shape or holds NaN or infinity, or there is one
+            sample only.
+        """
+        self._check_parameters()
+        self._learn(*check_samples(self, X, y, X_val, y_val, poses))
+        return self
 
     @overload
     def predict(self, X: ArrayLike, return_std: Literal[False] = False) -> Array: ...

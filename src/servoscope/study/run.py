@@ -20,7 +20,6 @@ from servoscope.files import write_arrays, write_json, write_text
 from servoscope.pipeline import FeatureTable
 from servoscope.poses import DISPLACEMENTS, DOFS
 from servoscope.progress import ProgressBar, no_progress
-from servoscope.regression import PoseRegressor
 from servoscope.storage.run_folder import RunFolder, read_arrays, read_json
 from servoscope.study.config import N_EIGENVECTORS, StudyConfig, check_n_images
 from servoscope.study.feature_tables import (
@@ -210,14 +209,16 @@ class Study:
                 on_progress=advance,
             )
         best = {dof: choose_best(points).trained for dof, points in nets.sweeps.items()}
-        model = PoseRegressor.from_fitted(
-            {dof: trained.regressor for dof, trained in best.items()},
-            {dof: trained.columns.tolist() for dof, trained in best.items()},
-            table.values.shape[1],
-        )
+        arrays = {
+            f"{dof}.{name}": array
+            for dof, trained in best.items()
+            for name, array in (
+                {"columns": trained.columns} | trained.regressor.to_arrays()
+            ).items()
+        }
         path = self.folder.path / "models" / "_".join(unit)
         path.parent.mkdir(exist_ok=True)
-        write_arrays(path.with_suffix(".npz"), model.to_arrays())
+        write_arrays(path.with_suffix(".npz"), arrays)
         results = summarise(assessment, nets, targets, split, ranges)
         write_json(path.with_suffix(".json"), results)
 
