@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar
 
@@ -65,7 +67,7 @@ class Registry(Mapping[str, T], Generic[T]):
             If one has the name of a built-in object, or of that of another package.
         """
         found: dict[str, EntryPoint] = {}
-        for point in sorted(entry_points(group=self.group), key=lambda p: (p.name, p.value)):
+        for point in _points(self.group, tuple(sys.path)):
             other = found.get(point.name)
             if other is not None and other.value == point.value:
                 continue  # found twice on the path
@@ -87,6 +89,12 @@ class Registry(Mapping[str, T], Generic[T]):
                 f"cannot be loaded ({type(error).__name__}: {one_line(error)}); mend the package, "
                 "or uninstall it."
             ) from error
+
+
+@lru_cache(maxsize=32)
+def _points(group: str, path: tuple[str, ...]) -> list[EntryPoint]:
+    """The entry points of a group in the order of their names; looked for once a path."""
+    return sorted(entry_points(group=group), key=lambda point: (point.name, point.value))
 
 
 def _package(point: EntryPoint) -> str:

@@ -26,38 +26,43 @@ def table_of(values):
 
 @pytest.fixture(scope="module")
 def independent():
-    """Unrelated features, of which the first six alone tell of one dof each."""
+    """Unrelated features, of which the first six alone inform one dof each."""
     rng = np.random.default_rng(0)
     values = rng.uniform(-1, 1, (1000, N_FEATURES))
     return values, values[:, :6] + 0.5 * rng.uniform(-1, 1, (1000, 6))
 
 
-def test_what_is_found_is_what_there_is(independent):
-    _, chance = chance_of(*independent)
+@pytest.fixture(scope="module")
+def found(independent):
+    return chance_of(*independent)
+
+
+def test_what_is_found_is_what_there_is(found):
+    _, chance = found
     np.testing.assert_array_equal(
         table_of(chance["mi_significant"]), np.arange(N_FEATURES)[:, None] == np.arange(6)
     )
     assert chance["mi_null"] == "chi_square"
 
 
-def test_corrected_information_of_unrelated_variables_is_nothing_on_the_average(independent):
-    assessment, chance = chance_of(*independent)
+def test_corrected_information_of_unrelated_variables_is_nothing_on_the_average(found):
+    assessment, chance = found
     corrected = table_of(chance["mi_corrected"])
     assert abs(corrected[6:].mean()) < 0.005
     assert assessment.mutual_information[6:].mean() > 0.05
 
 
-def test_bias_counts_the_occupied_cells(independent):
+def test_bias_counts_the_occupied_cells(independent, found):
     values, targets = independent
-    assessment, chance = chance_of(values, targets)
+    assessment, chance = found
     counts = np.histogram2d(values[:, 2], targets[:, 2], bins=10)[0] > 0
     excess = counts.sum() - counts.any(axis=0).sum() - counts.any(axis=1).sum() + 1
     bias = assessment.mutual_information[2, 2] - chance["mi_corrected"]["e_02"]["tz"]
     assert bias == pytest.approx(excess / (2000 * np.log(2)))
 
 
-def test_nearly_all_redundancy_of_unrelated_features_is_bias(independent):
-    assessment, chance = chance_of(*independent)
+def test_nearly_all_redundancy_of_unrelated_features_is_bias(found):
+    assessment, chance = found
     for dof, steps in chance["redundancy_bias"].items():
         redundancy = [step["redundancy"] for step in steps]
         np.testing.assert_array_equal(redundancy, assessment.rankings[dof].redundancy)
@@ -82,7 +87,7 @@ def test_walks_that_have_nothing_to_do_with_each_other_are_not_found_in_a_sequen
 
 
 def test_the_corrected_rule_is_not_misled_by_features_with_little_bias():
-    # Heavy tails leave most bins empty: such features tell nothing, but show little redundancy.
+    # Heavy tails leave most bins empty: such features inform nothing, but show little redundancy.
     rng = np.random.default_rng(2)
     values = rng.exponential(size=(600, N_FEATURES)) ** 3
     values[:, :5] = rng.uniform(-1, 1, (600, 5))
@@ -94,12 +99,12 @@ def test_the_corrected_rule_is_not_misled_by_features_with_little_bias():
         assert set(chance["table2_corrected"][dof][:5]) == set(NAMES[:5])
 
 
-def test_all_of_it_can_be_written_as_json(independent):
-    _, chance = chance_of(*independent)
+def test_all_of_it_can_be_written_as_json(found):
+    _, chance = found
     assert json.loads(json.dumps(chance, allow_nan=False)) == chance
 
 
-def test_a_dof_that_never_moves_is_not_told(independent):
+def test_nothing_informs_a_dof_that_never_moves(independent):
     values, targets = independent
     still = np.where(np.arange(6) == 2, 0.0, targets)
     _, chance = chance_of(values, still)

@@ -13,7 +13,7 @@ from servoscope.storage.run_folder import open_run_folder
 from servoscope.study import Study, StudyConfig, check_data
 from servoscope.study.paper import FAMILIES
 
-QUICK = StudyConfig(hidden=4, restarts=1, n_thresholds=5)
+QUICK = StudyConfig(hidden=2, restarts=1, n_thresholds=3)
 
 
 def study_of(data, folder, config=QUICK, **options) -> Study:
@@ -102,22 +102,20 @@ def test_the_summary_is_the_same_for_any_number_of_processes(finished, plane, tm
     assert results(tmp_path / "run") == results(finished.folder.path)
 
 
-@pytest.mark.parametrize("stage", ["_compute_features", "_assess", "_measure_chance", "_train"])
-def test_an_interrupted_study_ends_with_the_same_summary(
-    finished, plane, tmp_path, monkeypatch, stage
-):
-    make = getattr(Study, stage)
+def test_an_interrupted_study_ends_with_the_same_summary(finished, plane, tmp_path, monkeypatch):
+    stages = ("_compute_features", "_assess", "_measure_chance", "_train")
+    for stage in stages:
+        make = getattr(Study, stage)
 
-    def interrupted(self, *args):
-        make(self, *args)
-        raise KeyboardInterrupt
+        def interrupted(self, *args, make=make):
+            make(self, *args)
+            raise KeyboardInterrupt
 
-    study = study_of(plane, tmp_path / "run", n_jobs=1)
-    monkeypatch.setattr(Study, stage, interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        study.run()
-    monkeypatch.undo()
-    assert not (tmp_path / "run" / "summary.json").exists()
+        monkeypatch.setattr(Study, stage, interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            study_of(plane, tmp_path / "run", n_jobs=1).run()
+        monkeypatch.undo()
+        assert not (tmp_path / "run" / "summary.json").exists()
     study_of(plane, tmp_path / "run", n_jobs=1).run()
     assert results(tmp_path / "run") == results(finished.folder.path)
 

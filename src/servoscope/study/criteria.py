@@ -147,7 +147,8 @@ def _rank(study: Study) -> Orders:
     table, train = study.tables[UNIT], study.split(UNIT[0]).train
     X, Y = table.values[np.ix_(train, table.columns(CANDIDATES))], study.targets(UNIT[1])[train]
     keys = [(name, dof) for name in reversed(CRITERIA) for dof in moving(study)]
-    calls = [(name, X, Y[:, DOFS.index(dof)], study.config.n_bins) for name, dof in keys]
+    n_bins, most = study.config.n_bins, max(SIZES)
+    calls = [(name, X, Y[:, DOFS.index(dof)], n_bins, most) for name, dof in keys]
     orders: Orders = {}
     with study.progress("criteria", len(keys)) as advance:
         ranked = in_processes(rank_candidates, calls, study.n_jobs)
@@ -158,10 +159,10 @@ def _rank(study: Study) -> Orders:
 
 
 def rank_candidates(
-    criterion: str, X: NDArray[np.float64], y: NDArray[np.float64], n_bins: int
+    criterion: str, X: NDArray[np.float64], y: NDArray[np.float64], n_bins: int, n_features: int
 ) -> list[int]:
-    """The order in which a criterion selects as many features as are compared at most."""
-    order: list[int] = CRITERIA[criterion](Candidates(X, y, n_bins), max(SIZES)).order.tolist()
+    """The order in which a criterion selects so many features."""
+    order: list[int] = CRITERIA[criterion](Candidates(X, y, n_bins), n_features).order.tolist()
     return order
 
 
