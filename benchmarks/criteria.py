@@ -3,8 +3,9 @@
 Not timed: ``python -m benchmarks.criteria DATASET [--displacement camera] [--figure FILE.png]``
 prints tables of Markdown, and draws the curves, a panel a degree of freedom. All criteria choose
 among the 65 candidates of the study on the training images of the honest split; all nets are the
-study's, stopped on its validation images; errors are those of its test images. Further tables tell
-how much of the published rule's redundancy is bias, and how many candidates tell more than chance.
+study's, stopped on its validation images; errors are those of its test images. Further tables
+show how much of the published rule's redundancy is bias, and how many candidates inform more than
+chance.
 """
 
 from __future__ import annotations
@@ -135,12 +136,12 @@ def _bias(X: np.ndarray, Y: np.ndarray) -> Findings:
 
 
 def _significance(X: np.ndarray, Y: np.ndarray) -> Findings:
-    """How many candidates tell of each dof by the two tests that suit samples and sequences."""
+    """How many candidates inform of each dof by the two tests that suit samples and sequences."""
     rows = []
     for null in ("chi_square", "shifts"):
         test = information_test(X, Y, null=null)
         rows.append((null, *map(str, test.significant.sum(axis=0))))
-    job = f"Candidates of {X.shape[1]} that tell more than chance, 5 % of the findings wrong"
+    job = f"Candidates of {X.shape[1]} that inform more than chance, 5 % of the findings wrong"
     return Findings("Significance", job, ("null", *sv.DOFS), rows)
 
 

@@ -1,4 +1,4 @@
-"""Which image features tell about which degree of freedom, on a folder of your own images.
+"""Which image features inform of which degree of freedom, on a folder of your own images.
 
     .venv/bin/python examples/own_images.py FOLDER
 

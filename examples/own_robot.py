@@ -44,7 +44,7 @@ class MyCamera:
 
 
 class MyRobot:
-    """A robot that tells its pose and moves to another."""
+    """A robot that reports its pose and moves to another."""
 
     def __init__(self, driver):
         self.driver = driver

@@ -45,7 +45,7 @@ def test_what_covers_a_corner_leaves_the_opposite_one_as_it_was(textured):
 
 
 @pytest.mark.parametrize("angle", range(0, 360, 45))
-def test_a_ramp_is_told_by_its_direction(angle):
+def test_a_ramp_has_slope_in_its_direction(angle):
     rows, columns = np.mgrid[:64, :64] - 31.5
     along = np.cos(np.radians(angle)) * columns + np.sin(np.radians(angle)) * rows
     moments = sv.GradientMoments(n_cells=1).set_output(transform="pandas")
@@ -56,7 +56,7 @@ def test_a_ramp_is_told_by_its_direction(angle):
     np.testing.assert_allclose(np.sort(features)[::-1], expected, atol=0.08)
 
 
-def test_an_edge_is_told_by_its_cell():
+def test_an_edge_is_in_its_cell():
     image = np.zeros((1, 64, 64), np.uint8)
     image[:, :20, 36:] = 200
     moments = sv.GradientMoments(n_cells=4).fit(image)
@@ -124,6 +124,6 @@ def test_an_image_without_anything_in_it_gives_finite_numbers(level):
     assert np.isfinite(features).all()
 
 
-def test_names_tell_slice_row_and_column(images):
+def test_names_have_slice_row_and_column(images):
     names = sv.IntensityMoments(n_cells=2).fit(images).get_feature_names_out()
     assert list(names[[0, 1, 2, 4]]) == ["i010_0_0", "i010_0_1", "i010_1_0", "i030_0_0"]

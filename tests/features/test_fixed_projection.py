@@ -75,7 +75,7 @@ def test_all_orders_together_hold_the_whole_image():
     np.testing.assert_allclose(np.linalg.norm(features, axis=1), 1)
 
 
-def test_orders_of_two_digits_have_names_that_can_be_told_apart(images):
+def test_orders_of_two_digits_have_distinct_names(images):
     names = sv.TchebichefMoments(order=12).fit(images).get_feature_names_out()
     assert {"t_0000", "t_0111", "t_1101"} <= set(names)
     assert len(set(names)) == 91
@@ -171,7 +171,7 @@ def test_profiles_are_those_of_a_radon_transform(i):
     )
 
 
-def test_names_tell_angle_and_coefficient(images):
+def test_names_have_angle_and_coefficient(images):
     names = list(sv.ImageProjections(8, 2).fit(images).get_feature_names_out())
     assert names[:5] == ["p_sum", "p_0_1", "p_0_2", "p_22.5_1", "p_22.5_2"]
     assert len(names) == 17

@@ -151,7 +151,7 @@ def test_features_are_projections_of_the_explicit_outputs_on_their_covariance(
     np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
-def test_covariance_is_where_local_feature_analysis_looks_for_its_locations(images, delta_p):
+def test_covariance_is_where_local_feature_analysis_finds_its_locations(images, delta_p):
     grey = images.astype(float)
     fields = sv.LocalFeatureAnalysis(10, n_per_dof=2, window=6).fit(grey, delta_p)
     outputs = np.stack([fields.receptive_field(r, c).ravel() for r in range(30) for c in range(40)])

@@ -52,7 +52,7 @@ def test_a_grey_level_on_a_bound_belongs_to_the_upper_slice_only():
     assert compute_raw_moments(images, [(0, 50), (50, 100)])[0, :, 0].tolist() == [0, 200]
 
 
-def test_views_are_summed_as_they_look():
+def test_views_are_summed_as_their_copies():
     images = np.random.default_rng(0).integers(0, 256, (3, 20, 30), dtype=np.uint8)
     mirrored = images[:, :, ::-1]
     np.testing.assert_array_equal(

@@ -128,8 +128,8 @@ def test_residuals_of_shots_are_those_of_models_without_their_group(n_groups):
         kept = units != units[poses[i]]
         inverse, _ = inverse_covariance(kernel, means[0][kept])
         weights = inverse @ (means[1][kept] - kernel.offset)
-        told = kernel.offset + kernel(X[[i]], means[0][kept]) @ weights
-        assert found[i] == pytest.approx(y[i] - told[0], abs=1e-8)
+        mean = kernel.offset + kernel(X[[i]], means[0][kept]) @ weights
+        assert found[i] == pytest.approx(y[i] - mean[0], abs=1e-8)
 
 
 def test_samples_that_are_no_shots_have_the_residuals_of_samples():

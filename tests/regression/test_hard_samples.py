@@ -33,7 +33,7 @@ def test_one_sample_is_refused(regressor):
 
 
 @pytest.mark.parametrize("value", [0.0, 0.1, -1e10])
-def test_a_constant_target_is_told_with_a_deviation_that_is_not_none(regressor, value):
+def test_a_constant_target_is_predicted_with_a_deviation_that_is_not_none(regressor, value):
     X, _ = samples()
     mean, deviation = regressor.fit(X, np.full(40, value)).predict(X, return_std=True)
     np.testing.assert_allclose(mean, value, rtol=1e-12)
@@ -41,7 +41,7 @@ def test_a_constant_target_is_told_with_a_deviation_that_is_not_none(regressor, 
     assert deviation.max() <= 1e-11 * max(abs(value), 1)
 
 
-def test_constant_features_tell_the_mean_and_its_error(regressor):
+def test_constant_features_predict_the_mean_and_its_error(regressor):
     y = samples()[1]
     mean, deviation = regressor.fit(np.full((40, 2), 7.0), y).predict([[7.0, 7.0]], return_std=True)
     assert mean[0] == pytest.approx(y.mean(), abs=0.1 * y.std())

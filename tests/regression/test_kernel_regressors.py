@@ -176,7 +176,7 @@ def test_a_constant_target_is_predicted_as_it_is(estimator):
     np.testing.assert_array_equal(estimator.gradient(X), 0)
 
 
-def test_constant_features_tell_the_mean(estimator):
+def test_constant_features_predict_the_mean(estimator):
     y = np.array([1.0, 2.0, 6.0])
     mean, deviation = estimator.fit(np.ones((3, 2)), y).predict(np.ones((1, 2)), return_std=True)
     assert mean[0] == pytest.approx(3.0)

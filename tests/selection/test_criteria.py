@@ -93,7 +93,7 @@ def test_conditional_information_is_that_given_the_two_most_alike_in_quarters():
         assert scores[order[step]] >= max(scores.values()) - 1e-12
 
 
-def test_what_three_features_tell_together_only_is_seen_once_two_are_known():
+def test_joint_information_of_three_features_is_seen_once_two_are_known():
     rng = np.random.default_rng(9)
     bits = rng.integers(0, 2, (4000, 6))
     y = bits[:, 1] ^ bits[:, 3] ^ bits[:, 4]
@@ -132,7 +132,7 @@ def test_the_order_of_the_columns_does_not_matter(criterion, columns, seed):
 
 @pytest.fixture
 def exclusive_or():
-    """Bits 3 and 6 tell the target together; bit 3 alone a little, noise 0 to 2 a very little."""
+    """Bits 3 and 6 give the target together; bit 3 alone a little, noise 0 to 2 a very little."""
     rng = np.random.default_rng(4)
     bits = rng.integers(0, 2, (4000, 8))
     y = bits[:, 3] ^ bits[:, 6]
@@ -143,7 +143,7 @@ def exclusive_or():
 
 
 @pytest.mark.parametrize("criterion", SEES_PAIRS)
-def test_what_two_features_tell_together_only_is_seen(criterion, exclusive_or):
+def test_joint_information_of_two_features_is_seen(criterion, exclusive_or):
     assert CRITERIA[criterion](Candidates(*exclusive_or, n_bins=2), 2).order.tolist() == [3, 6]
 
 

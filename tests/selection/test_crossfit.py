@@ -40,7 +40,7 @@ def images_and_noise(n=120, width=60, seed=0):
     return rng.normal(size=(n, width)), rng.normal(size=n)
 
 
-def test_features_fitted_to_noise_tell_nothing_of_new_images():
+def test_features_fitted_to_noise_explain_nothing_in_new_images():
     images, y = images_and_noise()
     flattered = forecast_errors(Supervised().fit(images, y).transform(images), y)
     honest = crossfit_forecast(Supervised(), images, y)
@@ -99,12 +99,12 @@ def test_columns_choose_features():
     np.testing.assert_array_equal(forecast_from_folds(folds, y, columns=[3, 1]).rms, alone.rms)
 
 
-def test_the_family_is_left_as_it_was_and_progress_is_told():
+def test_the_family_is_left_as_it_was_and_progress_is_reported():
     images, y = images_and_noise(40, 5)
-    family, told = Supervised(), []
-    crossfit_forecast(family, images, y, on_progress=told.append)
+    family, done = Supervised(), []
+    crossfit_forecast(family, images, y, on_progress=done.append)
     assert not hasattr(family, "fitted")
-    assert told == [1, 2, 3, 4, 5]
+    assert done == [1, 2, 3, 4, 5]
 
 
 def test_a_target_that_never_changes_has_no_error():

@@ -48,7 +48,7 @@ def test_uniform_variables_that_are_unrelated_have_next_to_none(estimator):
 
 @pytest.mark.parametrize("estimator", ["histogram", "equal_frequency"])
 @pytest.mark.parametrize("n_bins", [2, 8, 20])
-def test_evenly_spread_values_tell_their_bin(estimator, n_bins):
+def test_evenly_spread_values_determine_their_bin(estimator, n_bins):
     x = np.random.default_rng(10).permutation(np.arange(100.0 * n_bins))
     found = estimate_information(x[:, None], -x, estimator, n_bins=n_bins)[0]
     assert found == pytest.approx(np.log2(n_bins), abs=1e-9)
@@ -83,7 +83,7 @@ def test_equal_width_bins_do_change(rng):
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_a_constant_tells_nothing(estimator, rng):
+def test_a_constant_has_no_information(estimator, rng):
     X = np.column_stack([np.full(200, 0.1), rng.normal(size=200)])
     assert estimate_information(X, X[:, 1], estimator)[0] == 0
     assert (estimate_information(X, X[:, 0], estimator) == 0).all()
@@ -177,7 +177,7 @@ def entropy(labels):
     st.sampled_from([1.0, 1e200, 1e-200]),
     st.integers(0, 999),
 )
-def test_nothing_tells_more_of_a_discrete_variable_than_its_entropy(
+def test_information_about_a_discrete_variable_is_at_most_its_entropy(
     estimator, n_levels, n_samples, other, scale, seed
 ):
     rng = np.random.default_rng(seed)
@@ -194,7 +194,7 @@ def test_nothing_tells_more_of_a_discrete_variable_than_its_entropy(
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_equal_binary_variables_tell_one_bit(estimator):
+def test_equal_binary_variables_share_one_bit(estimator):
     x = np.arange(200) % 2
     assert estimate_information(x[:, None], x, estimator)[0] == pytest.approx(1, abs=0.05)
 
@@ -286,7 +286,7 @@ def test_a_feature_twice_counts_once():
     assert twice == pytest.approx(once, abs=1e-9)
 
 
-def test_what_tells_nothing_leaves_the_spread():
+def test_uninformative_features_leave_the_spread():
     rng = np.random.default_rng(0)
     limits = entropy_power(np.ones((2000, 2)), rng.normal(0, 4, 2000))
     assert limits.single[0] == pytest.approx(4.0, rel=0.05)

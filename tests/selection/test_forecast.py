@@ -11,13 +11,13 @@ from servoscope.selection.forecast import forecast_errors
 
 
 def samples(n, noise=0.1, seed=0):
-    """Six features, of which two tell the target up to normal noise."""
+    """Six features, of which two determine the target up to normal noise."""
     rng = np.random.default_rng(seed)
     X = rng.uniform(-1, 1, (n, 6))
     return X, np.sin(2 * X[:, 0]) + X[:, 1] ** 2 + rng.normal(0, noise, n)
 
 
-def test_the_noise_is_forecast_where_the_features_tell_everything_else():
+def test_the_noise_is_forecast_where_the_features_explain_everything_else():
     X, y = samples(400, noise=0.2)
     forecast = forecast_errors(X, y)
     assert forecast.rms[0] == pytest.approx(0.2, rel=0.12)
@@ -53,7 +53,7 @@ def test_it_is_what_a_gaussian_process_of_another_library_reaches_on_new_samples
     assert 0.6 < forecast_errors(X, y).rms[0] / rms < 1.6
 
 
-def test_a_target_that_nothing_tells_is_forecast_at_its_spread():
+def test_an_unobservable_target_is_forecast_at_its_spread():
     rng = np.random.default_rng(0)
     forecast = forecast_errors(rng.normal(size=(150, 5)), rng.normal(0, 3, 150))
     assert forecast.rms == pytest.approx(forecast.baseline, rel=0.05)
@@ -69,7 +69,7 @@ def test_a_target_that_never_changes_is_forecast_without_error():
     assert forecast.rms[1] > 0
 
 
-def test_constant_features_tell_nothing():
+def test_constant_features_explain_nothing():
     y = np.random.default_rng(0).normal(size=100)
     forecast = forecast_errors(np.ones((100, 4)), y)
     assert forecast.rms == pytest.approx(forecast.baseline, rel=0.05)
@@ -90,7 +90,7 @@ def test_the_baseline_of_groups_leaves_the_whole_group_out():
 
 
 def test_neighbours_in_a_sequence_flatter_unless_they_are_left_out_together():
-    """Features that drift at random tell the time, and the target drifts as well."""
+    """Features that drift at random follow time, and so does the target."""
     walks = np.cumsum(np.random.default_rng(0).normal(size=(150, 4)), axis=0)
     X, y = walks[:, :3], walks[:, 3]
     together = forecast_errors(X, y, groups=np.arange(150) // 15)

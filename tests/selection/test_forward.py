@@ -7,7 +7,7 @@ from servoscope.selection.forward import forward_selection
 
 
 def samples(n=300, noise=0.05, seed=0):
-    """Of 12 candidates, 5 tells most, 2 less, and 7 is 5 with noise."""
+    """Of 12 candidates, 5 informs most, 2 less, and 7 is 5 with noise."""
     rng = np.random.default_rng(seed)
     X = rng.uniform(-1, 1, (n, 12))
     X[:, 7] = X[:, 5] + rng.normal(0, 0.1, n)
@@ -19,7 +19,7 @@ def test_features_are_selected_by_what_they_add():
     assert forward_selection(X, y, 3).order[:2].tolist() == [5, 2]
 
 
-def test_features_that_tell_only_as_a_product_are_found_once_one_of_them_is_in():
+def test_features_that_inform_only_as_a_product_are_found_once_one_of_them_is_in():
     X = np.random.default_rng(0).uniform(-1, 1, (300, 6))
     order = forward_selection(X, 0.3 * X[:, 1] + X[:, 1] * X[:, 4], 2).order
     assert order.tolist() == [1, 4]
@@ -32,7 +32,7 @@ def test_the_error_along_the_way_ends_at_the_noise():
     assert errors[0] > 1.1 * errors[1]
 
 
-def test_the_error_of_features_that_tell_nothing_is_the_spread_and_not_less():
+def test_the_error_of_uninformative_features_is_the_spread_and_not_less():
     """The least of many chance errors would be below it."""
     rng = np.random.default_rng(0)
     X, y = rng.normal(size=(1000, 30)), rng.normal(size=1000)
@@ -42,13 +42,13 @@ def test_the_error_of_features_that_tell_nothing_is_the_spread_and_not_less():
 
 def test_relevance_is_the_information_of_linear_gaussian_features():
     rng = np.random.default_rng(0)
-    X = rng.normal(size=(2000, 3))
-    ranking = forward_selection(X, X[:, 0] + rng.normal(size=2000), 1, max_samples=600)
-    assert ranking.candidate_relevance[0] == pytest.approx(0.5, abs=0.08)
-    assert (ranking.candidate_relevance[1:] < 0.03).all()
+    X = rng.normal(size=(1000, 3))
+    ranking = forward_selection(X, X[:, 0] + rng.normal(size=1000), 1, max_samples=300)
+    assert ranking.candidate_relevance[0] == pytest.approx(0.5, abs=0.1)
+    assert (ranking.candidate_relevance[1:] < 0.04).all()
 
 
-def test_a_copy_is_redundant_by_what_it_told_alone():
+def test_a_copy_is_redundant_by_its_relevance():
     X, y = samples()
     ranking = forward_selection(X, y, 2)
     assert ranking.order[0] == 5

@@ -145,7 +145,7 @@ def test_masked_values_are_refused(estimate):
             estimate(*arguments)
 
 
-@pytest.mark.parametrize("estimate", [forecast_errors, learning_curve, forward_selection])
+@pytest.mark.parametrize("estimate", [forecast_errors, forward_selection])
 @pytest.mark.parametrize(
     "cast",
     [np.asfortranarray, lambda a: np.repeat(a, 2, axis=0)[::2], lambda a: a.astype(object)],

@@ -127,7 +127,7 @@ def test_bad_input_is_refused(relevance, pairwise, n_features, message):
 
 @pytest.fixture
 def unrelated():
-    """Ten features that tell the target a part each, and twelve bits that tell nothing."""
+    """Ten features that give a part of the target each, and twelve uninformative bits."""
     rng = np.random.default_rng(1)
     X = np.column_stack([rng.uniform(size=(600, 10)), rng.integers(0, 2, (600, 12))])
     return X, X[:, :10].sum(axis=1)
@@ -146,7 +146,7 @@ def relevance_and_pairwise(X, y):
     return candidates.relevance, candidates.pairwise
 
 
-def test_features_of_many_bins_are_no_longer_passed_over_for_what_tells_nothing(unrelated):
+def test_features_of_many_bins_are_no_longer_passed_over_for_uninformative_ones(unrelated):
     X, y = unrelated
     published = rank_ideal_point(*relevance_and_pairwise(X, y), 10).order
     corrected = rank_ideal_point_corrected(Candidates(X, y), 10).order

@@ -179,7 +179,7 @@ def test_miller_madow_is_the_sum_of_the_corrections_of_the_entropies(rng):
         assert corrected_mutual_information(X, y)[i] == pytest.approx(expected, abs=1e-12)
 
 
-def test_miller_madow_raises_what_a_variable_tells_of_itself(rng):
+def test_miller_madow_raises_the_entropy_of_a_variable(rng):
     x = rng.uniform(size=(500, 1))
     assert information_bias(x, x)[0, 0] == pytest.approx(-9 / (2 * 500 * np.log(2)))
 

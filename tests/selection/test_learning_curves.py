@@ -25,7 +25,7 @@ def test_an_exact_power_law_is_gone_on_with(remainder, exponent):
         assert high >= 0.97 * curve(n)
 
 
-def test_the_remainder_is_told_from_what_still_falls():
+def test_the_remainder_is_separated_from_what_still_falls():
     law = fit_power_law(SIZES, 0.05 + 0.3 * (SIZES / 75) ** -1.5, [0.01] * 5)
     share = 0.05 / (0.05 + 0.3 * 8**-1.5)
     assert np.average(law.remainder, weights=law.weight) == pytest.approx(share, abs=0.08)

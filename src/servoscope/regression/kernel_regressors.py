@@ -134,7 +134,7 @@ def drawn(samples: Samples, n: int) -> Samples:
 
 
 class GaussianProcess(KernelRegressor):
-    """A Gaussian process whose length scales tell how much each feature has to say.
+    """A Gaussian process whose length scales show how much each feature matters.
 
     Length scales, signal and noise are those of the largest marginal likelihood of at most 600
     training samples; from the rest, up to `max_samples` in all, the predictions learn as well.
