@@ -16,13 +16,13 @@ from typing import NamedTuple
 import numpy as np
 
 import servoscope as sv
+from benchmarks.entropy_power import entropy_power
 from benchmarks.forecast import StudyFeatures, blocks, feature_subsets
 from benchmarks.forecast_agreement import BAND, rms
 from benchmarks.tables import Findings, as_markdown
 from servoscope.data.independence import split_data
 from servoscope.poses import DISPLACEMENTS
 from servoscope.processes import in_processes
-from servoscope.selection import entropy_power
 from servoscope.study.feature_tables import study_table
 
 LEARNT = ("gm", "pca", "first 65")

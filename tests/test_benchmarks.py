@@ -1,7 +1,9 @@
+import importlib
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -27,3 +29,15 @@ def test_an_unknown_benchmark_is_wrong_usage():
     done = run("mutual_informatoin")
     assert done.returncode == 2
     assert "no benchmark is named mutual_informatoin" in done.stderr
+
+
+def test_for_linear_gaussian_data_the_joint_entropy_power_is_the_noise(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT))
+    entropy_power = importlib.import_module("benchmarks.entropy_power").entropy_power
+    rng = np.random.default_rng(0)
+    X, noise = rng.normal(size=(4000, 9)), 0.5 * rng.normal(size=4000)
+    limits = entropy_power(X, X.sum(axis=1) + noise)
+    assert limits.joint[0] == pytest.approx(0.5, rel=0.05)
+    assert limits.single[0] == pytest.approx(np.sqrt(8 + 0.25), rel=0.06)
+    without = entropy_power(np.ones((2000, 2)), rng.normal(0, 4, 2000))
+    assert (without.single[0], without.joint[0]) == pytest.approx((4.0, 4.0), rel=0.05)

@@ -10,7 +10,6 @@ from servoscope.errors import InvalidInputError
 from servoscope.selection.candidates import Candidates
 from servoscope.selection.criteria import CRITERIA
 from servoscope.selection.crossfit import crossfit_forecast
-from servoscope.selection.estimators import entropy_power
 from servoscope.selection.forecast import forecast_errors
 from servoscope.selection.forward import forward_selection
 from servoscope.selection.learning_curves import learning_curve
@@ -48,18 +47,13 @@ def test_no_ranking_depends_on_the_scale(criterion, scale):
 @pytest.mark.parametrize("scale", [1e-200, 1e200])
 def test_forecasts_follow_the_unit_of_the_target_at_any_scale(scale):
     X, y = samples()
-    plain, power = forecast_errors(X, y), entropy_power(X, y)
+    plain = forecast_errors(X, y)
     for features in (X, scale * X):
         found = forecast_errors(features, scale * y)
         assert found.rms / scale == pytest.approx(plain.rms, rel=0.02)
         assert found.baseline / scale == pytest.approx(plain.baseline, rel=1e-6)
         assert found.interval / scale == pytest.approx(plain.interval, rel=0.02)
         assert found.explained == pytest.approx(plain.explained, abs=0.02)
-        bound = entropy_power(features, scale * y)
-        assert (bound.single / scale, bound.joint / scale) == (
-            pytest.approx(power.single, rel=1e-6),
-            pytest.approx(power.joint, rel=1e-6),
-        )
     errors = forward_selection(X, scale * y, 2).errors / scale
     assert errors == pytest.approx(forward_selection(X, y, 2).errors, rel=0.02)
     folds = crossfit_forecast(Identity(), X, scale * y).rms / scale
@@ -131,7 +125,6 @@ def test_groups_given_are_kept_and_poses_are_not_divided_by_them():
         forecast_errors,
         learning_curve,
         forward_selection,
-        entropy_power,
         lambda X, y: sv.MutualInfoSelector(2).fit(X, y),
         lambda X, y: sv.pairwise_mutual_information(np.ma.column_stack([X, y])),
         lambda X, y: crossfit_forecast(Identity(), X, y),

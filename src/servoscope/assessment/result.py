@@ -186,7 +186,6 @@ def _decide(
         "family": title_of(name),
         "baseline_rms": baseline * scale,
         "coverage_95": fitted.coverage,
-        "information_alone": float(forecast.entropy_power.joint[0]) * scale,
         "budget": asdict(budget),
         "learning_curve": {
             "n_images": [times * int(curve.n_images[-1]) for times in TIMES],

@@ -12,8 +12,6 @@ from .crossfit import crossfit_forecast as crossfit_forecast
 from .crossfit import forecast_from_folds as forecast_from_folds
 from .crossfit import refit_features as refit_features
 from .estimators import ESTIMATORS as ESTIMATORS
-from .estimators import EntropyPower as EntropyPower
-from .estimators import entropy_power as entropy_power
 from .estimators import equal_frequency_information as equal_frequency_information
 from .estimators import estimate_information as estimate_information
 from .estimators import gaussian_copula_information as gaussian_copula_information

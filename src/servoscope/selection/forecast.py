@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from servoscope.errors import InvalidInputError
 from servoscope.kernels import fit_kernel, leave_out_residuals, shots_left_out
 from servoscope.processes import in_processes, one_blas_thread
-from servoscope.selection.estimators import EntropyPower, entropy_power
 from servoscope.selection.rms_interval import (
     effective_groups,
     rms_interval,
@@ -53,15 +52,12 @@ class Forecast:
         reached without any feature.
     residuals : ndarray of shape (n_samples, n_targets)
         Target less its prediction at each sample, from other samples.
-    entropy_power : EntropyPower
-        What mutual information alone says.
     """
 
     rms: Array
     interval: Array
     baseline: Array
     residuals: Array = field(repr=False)
-    entropy_power: EntropyPower = field(repr=False)
 
     @property
     def explained(self) -> Array:
@@ -104,7 +100,6 @@ class Forecast:
             self.interval[:, one],
             self.baseline[one],
             self.residuals[:, one],
-            EntropyPower(self.entropy_power.single[one], self.entropy_power.joint[one]),
         )
 
     def in_units(self, unit: Array) -> Forecast:
@@ -114,7 +109,6 @@ class Forecast:
             self.interval * unit,
             self.baseline * unit,
             self.residuals * unit,
-            self.entropy_power.in_units(unit),
         )
 
 
@@ -210,7 +204,6 @@ def summarise_residuals(
         interval=rms_interval(residuals, groups, coverage, len(poses) ** -0.5),
         baseline=root_mean_square(_residuals_about_mean(targets, groups)),
         residuals=residuals,
-        entropy_power=entropy_power(poses.X, poses.Y),
     )
 
 
