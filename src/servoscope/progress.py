@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 
 Advance = Callable[[int], object]
-"""Is told how many items are finished."""
+"""Called with the number of items that are finished."""
 
 ProgressBar = Callable[[str, int | None], AbstractContextManager[Advance]]
 """Opens a progress bar, given what is done and how many items that has; yields an `Advance`."""

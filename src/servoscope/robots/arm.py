@@ -84,7 +84,7 @@ class Arm:
     Notes
     -----
     A move starts from the pose that the encoders report. Without gravity compensation that is a
-    sagged one, to which every move adds the sag once more: the arm creeps down, and tells so.
+    sagged one, to which every move adds the sag once more: the arm creeps down, and reports so.
 
     Joints go a straight way in joint space (`minimum_jerk`); their servos are equally quick, so
     that the arm lags behind its path but stays on it. That way is looked along for collisions

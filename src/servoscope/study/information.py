@@ -108,7 +108,7 @@ def rankings_as_csv(assessments: Mapping[tuple[str, str], Assessment]) -> str:
 
 
 CORRECTION = "miller_madow"
-"""Right for features that tell of a dof and for those that do not; see `information_bias`."""
+"""Right for features that inform a dof and for those that do not; see `information_bias`."""
 
 
 def measure_chance(

@@ -42,7 +42,7 @@ def plan_sweeps(
 ) -> dict[str, list[ThresholdSubset]]:
     """The distinct subsets of every dof's ranked features along the thresholds.
 
-    A dof that no feature tells of, since it never moves, gets the subset of all ranked features.
+    A dof that no feature informs, since it never moves, gets the subset of all ranked features.
     """
     return {
         dof: threshold_subsets(ranking.order, ranking.relevance, thresholds)

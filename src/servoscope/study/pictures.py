@@ -20,7 +20,7 @@ Slices = Sequence[tuple[int, int]]
 SIGNED = LinearSegmentedColormap.from_list(
     "signed", ["#08203f", "#3f6287", "#a3a5a6", "#e3b98a", "#fff6e6"], N=128
 )
-"""Dark blue for negative, middle grey for zero, pale orange for positive: lightness alone tells
+"""Dark blue for negative, middle grey for zero, pale orange for positive: lightness alone shows
 the sign, so that a grey print reads the same."""
 
 GREYS: dict[str, Any] = {"cmap": "gray", "vmin": 0, "vmax": 255}
