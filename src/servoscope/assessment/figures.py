@@ -89,7 +89,7 @@ def plot_reach(rows: Rows, *, ax: Axes | None = None) -> Axes:
             )
     ax.axhline(1.0, color=MUTED, linewidth=0.8, linestyle="--")
     ax.set_yscale("log")
-    dress_log(ax, ylabel="RMS error [of that of the mean]")
+    dress(ax, is_log=True, ylabel="RMS error [of that of the mean]")
     ax.set_xticks(places, [_below(dof, rows[dof]) for dof in dofs])
     ax.set_xlim(-0.5, len(dofs) - 0.5)
     handles, labels = ax.get_legend_handles_labels()
@@ -135,7 +135,7 @@ def plot_learning_curves(rows: Rows, *, ax: Axes | None = None) -> Axes:
         style: dict[str, Any] = {**DOF_STYLES[dof], "linewidth": 1.0, "markersize": 4}
         ax.plot(curve["n_images"], errors, label=dof, **style)
     ax.set(xscale="log", yscale="log")
-    dress_log(ax, xlabel="images to learn from", ylabel="RMS error [of that of the mean]")
+    dress(ax, is_log=True, xlabel="images to learn from", ylabel="RMS error [of that of the mean]")
     ax.minorticks_off()
     counts = sorted({n for dof in moving(rows) for n in rows[dof]["learning_curve"]["n_images"]})
     ax.set_xticks(counts, [f"{n}" for n in counts])
@@ -176,7 +176,12 @@ def plot_validation(families: Mapping[str, Any], rows: Rows, *, ax: Axes | None 
     for factor, style in ((1.0, "-"), (0.75, ":"), (1.33, ":")):
         ax.plot(ends, ends / factor, color=MUTED, linewidth=0.8, linestyle=style, zorder=0)
     ax.set(xscale="log", yscale="log", xlim=ends, ylim=ends)
-    dress_log(ax, xlabel="forecast [of the mean's error]", ylabel="reached [of the mean's error]")
+    dress(
+        ax,
+        is_log=True,
+        xlabel="forecast [of the mean's error]",
+        ylabel="reached [of the mean's error]",
+    )
     ax.legend(**LEGEND)
     return ax
 
@@ -190,20 +195,6 @@ LEGEND: dict[str, Any] = {
     "columnspacing": 1.2,
     "handletextpad": 0.4,
 }
-
-
-def dress_log(ax: Axes, *, xlabel: str = "", ylabel: str = "") -> Axes:
-    """The quiet look for axes with logarithms, whose ticks are their own."""
-    words: dict[str, Any] = {"fontsize": SMALL, "color": INK, "labelpad": 2}
-    ax.set_xlabel(xlabel, **words)
-    ax.set_ylabel(ylabel, **words)
-    ax.yaxis.set_major_formatter("{x:g}")
-    ax.tick_params(which="both", labelsize=SMALL - 0.5, width=0.6, colors=MUTED, labelcolor=INK)
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        ax.spines[side].set(linewidth=0.6, color=MUTED)
-    return ax
 
 
 def draw_reach(rows: Rows) -> Figure:

@@ -184,14 +184,20 @@ def new_axes() -> Axes:
     return Figure(figsize=(3.2, 2.6), layout="constrained").add_subplot()
 
 
-def dress(ax: Axes, *, title: str = "", xlabel: str = "", ylabel: str = "") -> Axes:
-    """Give axes of a chart their words and their quiet look."""
+def dress(
+    ax: Axes, *, title: str = "", xlabel: str = "", ylabel: str = "", is_log: bool = False
+) -> Axes:
+    """Give axes of a chart their words and their quiet look; logarithms keep their own ticks."""
     words: dict[str, Any] = {"fontsize": SMALL, "color": INK, "labelpad": 2}
     ax.set_xlabel(xlabel, **words)
     ax.set_ylabel(ylabel, **words)
     ax.set_title(title, fontsize=NORMAL, color=INK, pad=4)
     ax.tick_params(labelsize=SMALL - 0.5, length=2.5, width=0.6, colors=MUTED, labelcolor=INK)
-    ax.locator_params(nbins=5)
+    if is_log:
+        ax.yaxis.set_major_formatter("{x:g}")
+        ax.tick_params(which="minor", labelsize=SMALL - 0.5, width=0.6, colors=MUTED)
+    else:
+        ax.locator_params(nbins=5)
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
     for side in ("left", "bottom"):
