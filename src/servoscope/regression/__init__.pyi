@@ -7,4 +7,3 @@ from .network_regressors import LBFGSRegressor as LBFGSRegressor
 from .network_regressors import LMRegressor as LMRegressor
 from .per_dof import PoseRegressor as PoseRegressor
 from .registry import REGRESSORS as REGRESSORS
-from .registry import Regressor as Regressor

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any
 
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from sklearn.base import clone
 
 from servoscope.errors import InvalidInputError
@@ -16,33 +16,6 @@ from servoscope.regression.network_regressors import (
     LBFGSRegressor,
     LMRegressor,
 )
-
-
-class Regressor(Protocol):
-    """What every regressor does.
-
-    `fit` takes validation samples or goes without. What needs them to stop its training keeps
-    them for that; what does not need them learns from them as well.
-    """
-
-    def fit(
-        self,
-        X: ArrayLike,
-        y: ArrayLike,
-        X_val: ArrayLike | None = None,
-        y_val: ArrayLike | None = None,
-    ) -> Any:
-        """Learn from samples."""
-
-    def predict(self, X: ArrayLike, return_std: bool = False) -> Any:
-        """The target, and the standard deviation of a new one if that is asked for."""
-
-    def to_arrays(self) -> dict[str, NDArray]:
-        """What `predict` needs, as plain arrays."""
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, ArrayLike]) -> Any:
-        """What `to_arrays` was called on."""
 
 
 def _checked(name: str, regressor: Any) -> Any:

@@ -94,17 +94,7 @@ def rank_jmi(candidates: Candidates, n_features: int) -> Ranking:
     >>> rank_jmi(Candidates(X, y, n_bins=2), 2).order
     array([0, 1])
     """
-    relevance = candidates.relevance
-    added = np.zeros(len(candidates))
-
-    def score(selected: list[int], _: NDArray[np.float64]) -> NDArray[np.float64]:
-        nonlocal added
-        if not selected:
-            return relevance
-        added = added + candidates.relevance_given(selected[-1])
-        return added
-
-    return rank_greedily(relevance, candidates.pairwise, n_features, score)
+    return _rank_given_each(candidates, n_features, np.add, 0.0)
 
 
 def rank_cmim(candidates: Candidates, n_features: int) -> Ranking:
@@ -139,17 +129,23 @@ def rank_cmim(candidates: Candidates, n_features: int) -> Ranking:
     >>> rank_cmim(Candidates(X, X[:, 0] + 0.5 * X[:, 2]), 3).order
     array([0, 2, 1])
     """
-    relevance = candidates.relevance
-    least = np.full(len(candidates), np.inf)
+    return _rank_given_each(candidates, n_features, np.minimum, np.inf)
+
+
+def _rank_given_each(
+    candidates: Candidates, n_features: int, combine: np.ufunc, start: float
+) -> Ranking:
+    """Rank by the information given each selected feature by itself, summed or the least of it."""
+    combined = np.full(len(candidates), start)
 
     def score(selected: list[int], _: NDArray[np.float64]) -> NDArray[np.float64]:
-        nonlocal least
+        nonlocal combined
         if not selected:
-            return relevance
-        least = np.minimum(least, candidates.relevance_given(selected[-1]))
-        return least
+            return candidates.relevance
+        combined = combine(combined, candidates.relevance_given(selected[-1]))
+        return combined
 
-    return rank_greedily(relevance, candidates.pairwise, n_features, score)
+    return rank_greedily(candidates.relevance, candidates.pairwise, n_features, score)
 
 
 N_COARSE_BINS = 4
