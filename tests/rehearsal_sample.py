@@ -42,4 +42,4 @@ def keyframe(relief: np.ndarray | None = None, **changes) -> Keyframe:
 
 
 def model(**changes) -> KeyframeModel:
-    return KeyframeModel(keyframe(**changes), RANGES, {}, {})
+    return KeyframeModel(keyframe(**changes), reach=RANGES)

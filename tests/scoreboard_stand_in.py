@@ -1,24 +1,39 @@
 """Methods that learn nothing, but answer at once, in the place of those that learn."""
 
+from pathlib import Path
+
 import numpy as np
+import pytest
 
 from servoscope.acquisition import AcquisitionConfig
 from servoscope.data.images import PoseImageSet
 from servoscope.poses import displacements_from_poses, inverse_transform
 from servoscope.positioning.interfaces import Estimate
 from servoscope.robots.registry import SimulatedRobot
-from servoscope.scoreboard.learners import Learner
-from servoscope.scoreboard.methods import make_photometric
+from servoscope.scoreboard.methods import LEARNERS, make_photometric
 
 
 class Nearest:
-    """Tells the displacement of the training image that is most alike."""
+    """Predicts the displacement of the training image that is most alike."""
 
     def __init__(self, data: PoseImageSet) -> None:
         self.data = data
         self.image_shape, self.reference_image = data.image_shape, data.reference_image
         self.pivot, self.reach = data.pivot, data.ranges()
         self.displacements = inverse_transform(data.T_world_ref) @ data.T_world_cam
+
+    @classmethod
+    def train(cls, data: PoseImageSet, **_: object) -> "Nearest":
+        return cls(data)
+
+    def save(self, folder: Path, *, force: bool) -> None:
+        self.data.save(folder)
+        (folder / "stand_in").write_text(type(self).__name__)
+
+    @staticmethod
+    def load(folder: Path) -> "Nearest":
+        kind = {"Nearest": Nearest, "FullStep": FullStep}[(folder / "stand_in").read_text()]
+        return kind(PoseImageSet.load(folder))
 
     def estimate(self, image: np.ndarray, previous: Estimate | None) -> Estimate:
         differences = self.data.images.astype(np.float32) - image
@@ -40,13 +55,11 @@ class FullStep(Nearest):
         return Estimate(told.displacement, 0.01 * self.reach, 0.0, "full step")
 
 
-def learner(method: type[Nearest]) -> Learner:
-    """How a stand-in is trained and read."""
-    return Learner(
-        lambda data, **_: method(data),
-        lambda model, path: model.data.save(path),
-        lambda path: method(PoseImageSet.load(path)),
-    )
+def replace_learners(patch: pytest.MonkeyPatch) -> None:
+    """Put stand-ins in the place of the methods that learn."""
+    patch.setitem(LEARNERS, "ours", FullStep.train)
+    patch.setitem(LEARNERS, "networks", Nearest.train)
+    patch.setattr("servoscope.scoreboard.factory.PositioningModel", Nearest)
 
 
 class Oracle:

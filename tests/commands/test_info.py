@@ -18,10 +18,10 @@ from servoscope.wording import plain_number
 
 HEADER = {
     "trained_on": {"images": 1800, "part": "cylinder_head", "note": "evil\x1b[2J\nnote"},
+    "kind": "features",
     "image_size": [240, 320],
     "reach": [0.025, 0.025, 0.025, *np.radians([15.0, 15.0, 15.0])],
     "pivot": 0.55,
-    "levels": [{"blur": 4.0, "pixels": 64}, {"blur": 1.0, "pixels": 256}],
     "accuracy": {"tx": 0.0001},
 }
 ARRAYS = {"L": np.zeros((1000, 250), np.float32)}
@@ -47,18 +47,17 @@ def test_a_model_is_described_in_millimetres_and_degrees(tmp_path, capsys):
     assert facts["pivot_mm"] == 550.0
     assert facts["size_mb"] == 1.0
     assert facts["version"] == 1
-    assert facts["levels"] == HEADER["levels"]
+    assert facts["kind"] == "features"
     assert facts["trained_on"] == HEADER["trained_on"]
 
 
 def test_a_terminal_sees_every_fact_and_no_control_codes(tmp_path, capsys):
     write_model(tmp_path / "model", HEADER, ARRAYS)
     assert main(["info", str(tmp_path / "model")]) == 0
-    told = capsys.readouterr().out
-    assert "blur 4, pixels 64; blur 1, pixels 256" in told
-    assert "part cylinder_head" in told
-    assert "\x1b" not in told
-    assert "evil?[2J?note" in told
+    printed = capsys.readouterr().out
+    assert "part cylinder_head" in printed
+    assert "\x1b" not in printed
+    assert "evil?[2J?note" in printed
 
 
 @pytest.mark.parametrize("reach", [None, 3, [1.0], ["x"] * 6, [10**39] * 6, {"tx": 1}])
@@ -111,7 +110,9 @@ def keyframe_model(tmp_path_factory):
     residual = np.full((24, 32), 1.5, np.float32)
     folder = tmp_path_factory.mktemp("keyframe") / "model"
     source = {"kind": "imported", "n_images": 40}
-    KeyframeModel(keyframe, np.full(6, 0.025), source, accuracy, residual).save(folder)
+    KeyframeModel(
+        keyframe, residual, reach=np.full(6, 0.025), trained_on=source, accuracy=accuracy
+    ).save(folder)
     return folder, keyframe
 
 
@@ -186,8 +187,8 @@ def test_an_assessment_that_cannot_be_read_is_shown_as_dashes(
     assert "in the loop: servoscope rehearse MODEL" in out
 
 
-def test_levels_are_the_same_table_without_a_limit_of_the_view(tmp_path, capsys):
-    accuracy = {"rms": ERRORS, "held_out": {"images": 90}, "rings": [{"mm": 40.0}]}
+def test_features_are_the_same_table_without_a_limit_of_the_view(tmp_path, capsys):
+    accuracy = {"rms": ERRORS, "held_out": {"images": 90}}
     write_model(tmp_path / "model", {**HEADER, "accuracy": accuracy}, ARRAYS)
     out = printed(tmp_path / "model", capsys)
     assert rows_of(out)["tz"] == ["–", "–", "0.37 mm", "–", "–"]
@@ -197,7 +198,7 @@ def test_levels_are_the_same_table_without_a_limit_of_the_view(tmp_path, capsys)
 
 @pytest.mark.parametrize(
     "accuracy",
-    [None, 3, {"rings": [1]}, {"rings": 2}, {"rms": {}, "median": {}}, {"rms": 3, "median": "tx"},
+    [None, 3, {"rms": {}, "median": {}}, {"rms": 3, "median": "tx"},
      {"rms": dict.fromkeys(DOFS, "x")}, {"rms": {"x": 1.0}}],
 )  # fmt: skip
 def test_an_accuracy_that_is_no_table_is_printed_as_it_is(tmp_path, capsys, accuracy):

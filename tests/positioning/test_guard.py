@@ -11,7 +11,7 @@ from planar import PIVOT, RANGES, planar_images
 from servoscope.errors import InvalidInputError
 from servoscope.poses import is_rigid, pose_error, poses_from_displacements, rigid_transform
 from servoscope.positioning import guard
-from servoscope.positioning.image_error import image_error, thumbnail
+from servoscope.positioning.reference_view import image_error, thumbnail
 from servoscope.positioning.result import plain
 from servoscope.positioning.settings import LoopSettings
 

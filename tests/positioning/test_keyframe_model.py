@@ -2,19 +2,34 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from planar import PIVOT, RANGES, planar_images
 from planar_cell import SIZE, T_WORLD_REF, Cell
-from planar_model import T_FLANGE_CAM, FlangeCell
+from planar_flange import T_FLANGE_CAM, FlangeCell
 from servoscope.data.images import PoseImageSet
 from servoscope.data.splits import Split
 from servoscope.errors import DataSetError, ModelError, ServoscopeWarning
 from servoscope.keyframe import Keyframe
-from servoscope.poses import DISPLAY_FACTORS, displacements_from_poses, pose_error
-from servoscope.positioning import KeyframeModel, Positioner, PositioningModel, train
-from servoscope.positioning.keyframe_model import NOT_SEEN, error_shares
+from servoscope.pipeline import PosePipeline, Recipe
+from servoscope.poses import (
+    DISPLAY_FACTORS,
+    displacements_from_poses,
+    pose_error,
+    rigid_transform,
+)
+from servoscope.positioning import (
+    Estimate,
+    KeyframeModel,
+    LoopSettings,
+    Positioner,
+    PositioningModel,
+    train,
+)
+from servoscope.positioning.guard import novelty_fault
+from servoscope.positioning.keyframe_model import NOT_SEEN
 from servoscope.positioning.training import Assessed
 from servoscope.scene.disturbances import Disturbances
 from servoscope.storage.model_folder import read_model, write_model
@@ -66,7 +81,7 @@ def test_the_limit_of_similarity_lies_between_own_and_turned_images(model) -> No
 
 @pytest.mark.slow
 def test_the_camera_arrives_from_the_range_with_its_mount_unknown(model) -> None:
-    for p in 0.6 * draw(8, 7):
+    for p in 0.6 * draw(6, 7):
         cell = FlangeCell(p, noise=1.0)
         result = Positioner(model).run(cell, cell)
         distance, angle = pose_error(T_WORLD_REF, cell.pose @ T_FLANGE_CAM)
@@ -74,6 +89,7 @@ def test_the_camera_arrives_from_the_range_with_its_mount_unknown(model) -> None
         assert distance < 1e-3
         assert angle < np.radians(0.1)
         assert result.moves <= 6
+        assert is_as_believed(cell, result)
 
 
 @pytest.mark.slow
@@ -96,7 +112,8 @@ def test_first_guesses_bear_covering_noise_and_another_light(model) -> None:
             displacements_from_poses(np.eye(4), model.first_guess(image), model.pivot).mean(axis=0)
             for image in images
         ]
-        assert error_shares(np.array(guesses) - truth, truth).mean() < 0.8
+        errors = np.array(guesses) - truth
+        assert (errors.std(axis=0) / truth.std(axis=0)).mean() < 0.8
 
 
 def cover(image: np.ndarray, seed: int) -> np.ndarray:
@@ -105,7 +122,7 @@ def cover(image: np.ndarray, seed: int) -> np.ndarray:
 
 @pytest.mark.slow
 def test_the_camera_arrives_with_a_fifth_of_the_view_covered(model) -> None:
-    for k, p in enumerate(0.6 * draw(8, 8)):
+    for k, p in enumerate(0.6 * draw(5, 8)):
         cell = FlangeCell(p, noise=1.0)
         read = cell.read
         cell.read = lambda k=k, read=read: cover(read(), k)
@@ -118,12 +135,125 @@ def test_the_camera_arrives_with_a_fifth_of_the_view_covered(model) -> None:
 
 @pytest.mark.slow
 def test_another_part_is_refused_before_a_move_is_made(model) -> None:
-    for seed in range(20, 32):
+    for seed in range(20, 25):
         cell = Cell(0.3 * RANGES)
         foreign = planar_images(draw(1, seed, 0.5), SIZE, seed)[0]
         cell.read = lambda foreign=foreign: foreign
         result = Positioner(model).run(cell, cell)
         assert (result.status, result.moves) == ("abstained", 0)
+
+
+class DisturbedCamera:
+    """Sees what a cell sees through disturbances."""
+
+    def __init__(self, cell: Cell, disturbances: Disturbances) -> None:
+        self.cell, self.disturbances = cell, disturbances
+        self.rng = np.random.default_rng(0)
+
+    def read(self) -> np.ndarray:
+        return self.disturbances.disturb(self.cell.read(), self.rng)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("disturbances", [{"gain": 0.8}, {"noise": 2.0}])
+def test_in_disturbed_images_it_arrives(model, disturbances) -> None:
+    for p in 0.4 * draw(4, 7):
+        cell = FlangeCell(p)
+        camera = DisturbedCamera(cell, Disturbances.only(**disturbances))
+        result = Positioner(model).run(cell, camera)
+        distance, angle = pose_error(T_WORLD_REF, cell.pose @ T_FLANGE_CAM)
+        assert result.status == "converged"
+        assert distance < 4e-3
+        assert angle < np.radians(0.4)
+
+
+@pytest.mark.slow
+def test_in_noise_that_hides_the_reference_it_does_not_claim_to_have_arrived(model) -> None:
+    for p in 0.4 * draw(4, 7):
+        cell = FlangeCell(p)
+        result = Positioner(model).run(cell, DisturbedCamera(cell, Disturbances.only(noise=25.0)))
+        assert result.status != "converged" or is_as_believed(cell, result)
+
+
+def is_as_believed(cell, result) -> bool:
+    """Whether a flange is as far from its reference as is believed, in each dof."""
+    delta_p = displacements_from_poses(FlangeCell.T_WORLD_REF, cell.pose[None], PIVOT)[0]
+    return bool(np.sqrt(np.mean((delta_p / result.predicted_error) ** 2)) < 3)
+
+
+@pytest.mark.slow
+def test_given_the_poses_of_another_frame_than_that_of_training_it_is_stopped_or_fails(model):
+    """What the mount test would be if the mount did not matter anyway."""
+    for p in 0.5 * draw(4, 7):
+        cell = Cell(p)
+        moves = Positioner(model).run(cell, cell).moves
+        distance, angle = pose_error(T_WORLD_REF, cell.pose)
+        assert moves > 6 or distance > 1e-3 or angle > np.radians(0.1)
+
+
+def turned(image: np.ndarray, degrees: float) -> np.ndarray:
+    turn = cv2.getRotationMatrix2D(((SIZE - 1) / 2, (SIZE - 1) / 2), degrees, 1)
+    return cv2.warpAffine(image, turn, (SIZE, SIZE), borderMode=cv2.BORDER_REFLECT)
+
+
+@pytest.mark.slow
+def test_images_of_the_part_are_recognised_and_turned_ones_are_not(model) -> None:
+    own = [FlangeCell(p, noise=2.0).read() for p in 0.6 * draw(12, 7)]
+    others = [turned(image, degrees) for image in own[:6] for degrees in (60, 180)]
+
+    def n_refused(images) -> int:
+        faults = [novelty_fault(model.estimate(image), LoopSettings()) for image in images]
+        return sum(fault is not None for fault in faults)
+
+    assert n_refused(own) == 0
+    assert n_refused(others) >= len(others) - 1
+
+
+class Overexposed(FlangeCell):
+    """A cell whose camera clips what is bright."""
+
+    gain = 1.0
+
+    def read(self) -> np.ndarray:
+        return np.clip(self.gain * super().read(), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gain", [1.3, 1.5, 1.8, 2.2])
+def test_an_overexposed_camera_does_not_claim_to_have_arrived_where_it_has_not(model, gain) -> None:
+    for p in 0.4 * draw(3, 7):
+        cell = Overexposed(p, noise=1.0)
+        cell.gain = gain
+        result = Positioner(model).run(cell, cell)
+        assert result.status != "converged" or is_as_believed(cell, result)
+
+
+@pytest.mark.slow
+def test_the_reference_image_has_arrived_whatever_the_estimate(model, monkeypatch) -> None:
+    away = Estimate(
+        rigid_transform(np.eye(3), [0.042, 0, 0]), RANGES, 0.5, "coarse", is_finest=False
+    )
+    monkeypatch.setattr(KeyframeModel, "estimate", lambda self, image, previous=None: away)
+    cell = FlangeCell(np.zeros(6), noise=2.0)
+    result = Positioner(model).run(cell, cell)
+    assert (result.status, result.moves) == ("converged", 0)
+    assert "equals the reference" in result.message
+
+
+@pytest.mark.slow
+def test_tolerances_of_single_dofs_are_met_or_said_to_be_missed(model) -> None:
+    cell = FlangeCell(0.4 * draw(1, 7)[0])
+    settings = LoopSettings(tolerances={"tz": 0.5, "rz": 0.05})
+    result = Positioner(model, settings).run(cell, cell)
+    assert result.status == "converged"
+    delta_p = displacements_from_poses(FlangeCell.T_WORLD_REF, cell.pose[None], PIVOT)[0]
+    assert abs(delta_p[2]) < 0.5e-3
+    assert abs(delta_p[5]) < np.radians(0.05)
+    noisy = FlangeCell(0.4 * draw(1, 7)[0], noise=1.0)
+    strict = LoopSettings(tolerances={"tz": 1e-4})
+    result = Positioner(model, strict).run(noisy, noisy)
+    assert result.status == "limited"
+    assert "of tz, 0.0001 mm asked for" in result.message
 
 
 @pytest.mark.slow
@@ -185,11 +315,13 @@ def test_its_accuracy_is_that_of_the_test_images_of_an_assessment(data, monkeypa
     monkeypatch.setattr(KeyframeModel, "train", train_model)
     groups = np.arange(len(data)) // 2
     split = Split(np.arange(2, 18), np.arange(18, 24), np.arange(24, 30))
+    recipe = Recipe("intensity", regressor="kernel_ridge")
+    pipeline = PosePipeline(recipe).fit(data.images, data.delta_p(), split)
     with (
         pytest.warns(ServoscopeWarning, match="not trained on"),
         pytest.raises(DataSetError, match="Enough is known"),
     ):
-        train(data, assessment=Assessed(split, groups, {"loop": None}))
+        train(data, assessment=Assessed(pipeline, groups, {"loop": {}}))
     keyframe = Keyframe.fit(
         data.images[2:24], data.T_world_cam[2:24], data.reference_image, data.T_world_ref,
         pivot=data.pivot,

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from planar import RANGES
+from planar import PIVOT, RANGES
 from planar_cell import T_WORLD_REF, Cell, Oracle
 from servoscope.errors import InvalidInputError
 from servoscope.poses import (
@@ -280,3 +280,87 @@ def test_an_image_that_is_not_recognised_among_the_last_ends_the_run_unmoved() -
     limits = LoopSettings(tolerance_mm=5, tolerance_deg=1)
     result = Positioner(CoveredOnce(cell, 0), limits).run(cell, cell)
     assert (result.status, result.moves) == ("abstained", 0)
+
+
+def test_a_tolerance_that_the_scatter_of_the_robot_cannot_meet_ends_as_near_as_it_allows() -> None:
+    class Scattering(Cell):
+        def move(self, displacement):
+            reported = super().move(displacement)
+            scatter = np.array([1e-4] * 3 + [np.radians(0.01)] * 3) * self.rng.normal(size=6)
+            self.off = poses_from_displacements(np.eye(4), scatter, 0.0)
+            return reported
+
+        off = np.eye(4)
+
+        @property
+        def delta_p(self):
+            return displacements_from_poses(T_WORLD_REF, (self.pose @ self.off)[None], PIVOT)[0]
+
+    ends = []
+    for p in 0.5 * np.random.default_rng(7).uniform(-1, 1, (8, 6)):
+        cell = Scattering(p * RANGES)
+        oracle = Oracle(cell, std=1e-5)
+        settings = LoopSettings(tolerance_mm=0.05, tolerance_deg=0.005)
+        ends.append(Positioner(oracle, settings).run(cell, cell))
+    assert {end.status for end in ends} <= {"limited", "converged"}
+    assert any("As near as the robot allows" in end.message for end in ends)
+    free = [replace(settings, tolerance_mm=None, tolerance_deg=None)] * 2
+    for settings, p in zip(
+        free, 0.5 * np.random.default_rng(7).uniform(-1, 1, (2, 6)), strict=True
+    ):
+        cell = Scattering(p * RANGES)
+        assert Positioner(Oracle(cell, std=1e-5), settings).run(cell, cell).status == "converged"
+
+
+class Wavering:
+    """Believes something else of every image."""
+
+    image_shape, reference_image = Oracle.image_shape, Oracle.reference_image
+    pivot, reach = PIVOT, RANGES
+
+    def __init__(self, seed: int, off: float, std: float, is_finest: float) -> None:
+        self.rng, self.off, self.std, self.is_finest = (
+            np.random.default_rng(seed), off, std, is_finest
+        )  # fmt: skip
+
+    def estimate(self, image: np.ndarray, previous: Estimate | None) -> Estimate:
+        believed = self.off * self.rng.uniform(-1, 1, 6) * RANGES
+        displacement = poses_from_displacements(np.eye(4), believed, PIVOT)
+        is_finest = bool(self.rng.random() < self.is_finest)
+        return Estimate(displacement, self.std * RANGES, 0.5, "wavering", is_finest)
+
+
+MOST_IMAGES = 13 * (6 + 8)
+"""Looks before each move and after the last, and images that are averaged."""
+
+share = st.sampled_from([0.0, 1e-4, 1e-3, 1e-2, 0.05, 0.1, 0.3])
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    start=share,
+    seed=st.integers(0, 9),
+    off=share,
+    std=share,
+    is_finest=st.sampled_from([0.5, 1.0]),
+    tolerance_mm=st.sampled_from([None, 0.1, 5.0]),
+    noise=st.sampled_from([0.0, 2.0]),
+)
+def test_whatever_an_estimator_believes_a_run_ends(
+    start, seed, off, std, is_finest, tolerance_mm, noise
+) -> None:
+    cell, n_read = Cell(start * RANGES, noise), 0
+    read = cell.read
+
+    def counted() -> np.ndarray:
+        nonlocal n_read
+        n_read += 1
+        assert n_read <= MOST_IMAGES
+        return read()
+
+    cell.read = counted
+    estimator = Wavering(seed, off, std, is_finest)
+    loop = LoopSettings(tolerance_mm=tolerance_mm)
+    result = Positioner(estimator, loop).run(cell, cell)
+    assert n_read <= MOST_IMAGES, result.message
+    assert result.moves <= 2 * loop.max_moves

@@ -506,3 +506,10 @@ def test_the_first_image_may_take_longer_than_the_others() -> None:
     settings = LoopSettings(read_timeout_s=0.2, first_read_timeout_s=0.1)
     camera.n_read = 0
     assert run(Cell(START), camera, settings=settings).status == "camera_fault"
+
+
+def test_looks_that_lead_to_no_decision_end_in_time(monkeypatch):
+    monkeypatch.setattr("servoscope.positioning.run.Run._decision", lambda self: None)
+    result = run(Cell(START))
+    assert (result.status, result.moves, len(result.steps)) == ("abstained", 0, 10)
+    assert "10 looks from one pose led to no decision" in result.message

@@ -3,21 +3,34 @@
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from servoscope.errors import InvalidInputError
-from servoscope.poses import inverse_transform, pose_error, poses_from_displacements
-from servoscope.positioning.luminance import luminance_interaction
+from servoscope.poses import (
+    inverse_transform,
+    is_rigid,
+    pose_error,
+    poses_from_displacements,
+    rigid_transform,
+)
 from servoscope.positioning.photometric import (
+    SMOOTHING_PX,
     PhotometricEstimate,
     PhotometricLaw,
     PhotometricServoing,
+    luminance_interaction,
+    motion,
 )
-from servoscope.positioning.screw import motion
 from servoscope.scene.camera import Lens, Sensor
-from servoscope.scene.render import render
+from servoscope.scene.lighting import Lighting
+from servoscope.scene.render import render, render_depth, render_radiance
 from servoscope.scene.scene import T_WORLD_REF, Scene
 from servoscope.scene.textured_plane import TexturedPlane
 
@@ -112,7 +125,7 @@ def test_a_map_of_depths_is_used_pixel_by_pixel(scene: Scene) -> None:
     [
         ({"reference_image": np.zeros((64, 64))}, "reference_image must be uint8"),
         ({"reference_image": np.zeros((20, 64), np.uint8)}, "at least 21 pixels each way"),
-        ({"reference_image": np.full((64, 64), 9, np.uint8)}, "does not tell the six dofs apart"),
+        ({"reference_image": np.full((64, 64), 9, np.uint8)}, "does not inform all six dofs"),
         ({"focal_px": 0.0}, "focal_px must be positive and finite, got 0.0"),
         ({"focal_px": math.nan}, "focal_px must be positive and finite, got nan"),
         ({"principal_px": (1.0,)}, "principal_px must be 2 finite numbers"),
@@ -120,7 +133,7 @@ def test_a_map_of_depths_is_used_pixel_by_pixel(scene: Scene) -> None:
         ({"depth": np.ones((3, 3))}, r"depth must be a number or of the image's shape \(64, 64\)"),
         ({"depth": -1.0}, "depth must be positive everywhere"),
         ({"depth": math.nan}, "depth must be positive everywhere"),
-        ({"depth": math.inf}, "does not tell the six dofs apart"),
+        ({"depth": math.inf}, "does not inform all six dofs"),
         ({"reach": np.ones(3)}, "reach must be 6 finite numbers"),
         ({"pivot": math.nan}, "pivot must be finite"),
     ],
@@ -183,3 +196,63 @@ def test_a_darker_camera_or_a_wrong_depth_leads_it_astray(scene: Scene) -> None:
     large = replace(scene, image_size=256)
     assert (_ends_mm(_servoing(large), large, 2, 100, gain=0.8) > 1.0).all()
     assert (_ends_mm(_servoing(large, depth=1.5 * PIVOT), large, 2, 100) > 1.0).all()
+
+
+OBLIQUE = T_WORLD_REF @ motion([0.1, -0.05, 0.02, 0.15, -0.1, 0.3])
+
+
+def _soft(scene: Scene, T_world_cam: np.ndarray) -> np.ndarray:
+    """Without detail as fine as the pixels, whose slopes no sum over pixels tells."""
+    return cv2.GaussianBlur(render_radiance(scene, T_world_cam), (0, 0), 3.0).astype(float)
+
+
+@pytest.mark.parametrize("distortion", [(0.0, 0.0), (-0.3, 0.1)])
+@pytest.mark.parametrize("axis", range(6))
+def test_it_is_the_difference_of_images_of_a_plane(
+    axis: int, distortion: tuple[float, float]
+) -> None:
+    scene = Scene(
+        TexturedPlane(),
+        Lighting(lamps=(), ambient=1.0),
+        Lens(principal_point=(0.45, 0.56), distortion=distortion),
+        image_size=256,
+    )
+    K = scene.lens.camera_matrix(256)
+    depth = render_depth(scene, OBLIQUE)
+    L = luminance_interaction(_soft(scene, OBLIQUE), depth, K[0, 0], (K[0, 2], K[1, 2]), distortion)
+    screw = 1e-3 * np.eye(6)[axis]
+    ahead, behind = (_soft(scene, OBLIQUE @ motion(s)) for s in (screw, -screw))
+    inner = np.s_[15:-15, 15:-15]
+    expected = cv2.GaussianBlur((ahead - behind) / 2e-3, (0, 0), SMOOTHING_PX)[inner].ravel()
+    found = L[axis][inner].ravel()
+    assert np.corrcoef(found, expected)[0, 1] > 0.99
+    assert found @ expected / (expected @ expected) == pytest.approx(1, abs=0.025)
+
+
+def test_what_lies_infinitely_far_only_turns() -> None:
+    image = np.random.default_rng(0).uniform(0, 255, (20, 20))
+    near, far = (luminance_interaction(image, z, 50.0, (9.5, 9.5)) for z in (1.0, np.inf))
+    assert (far[:3] == 0).all()
+    np.testing.assert_array_equal(far[3:], near[3:])
+
+
+SCREWS = arrays(float, 6, elements=st.floats(-3, 3))
+
+
+@given(SCREWS)
+def test_it_is_rigid_and_turns_by_the_rotation_vector(screw: np.ndarray) -> None:
+    T = motion(screw)
+    assert is_rigid(T, 1e-9)
+    expected = Rotation.from_rotvec(screw[3:]).as_matrix()
+    np.testing.assert_allclose(T[:3, :3], expected, atol=1e-9)
+
+
+@given(SCREWS)
+def test_the_way_back_is_the_opposite_screw(screw: np.ndarray) -> None:
+    np.testing.assert_allclose(motion(-screw), inverse_transform(motion(screw)), atol=1e-9)
+
+
+def test_it_is_the_sum_of_many_small_motions() -> None:
+    screw, n = np.array([0.3, -0.2, 0.5, 0.4, 0.9, -0.6]), 20_000
+    small = rigid_transform(Rotation.from_rotvec(screw[3:] / n).as_matrix(), screw[:3] / n)
+    np.testing.assert_allclose(motion(screw), np.linalg.matrix_power(small, n), atol=1e-4)

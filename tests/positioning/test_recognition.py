@@ -96,7 +96,7 @@ def test_where_chance_reaches_as_much_the_limit_is_not_lowered_and_a_warning_is_
 
 def test_a_model_states_its_own_limit() -> None:
     keyframe = flat_keyframe()
-    model = KeyframeModel(keyframe, RANGES, {}, {"least_similarity": 0.6})
+    model = KeyframeModel(keyframe, reach=RANGES, accuracy={"least_similarity": 0.6})
     delta_p = 0.3 * _drawn(1, 4)
     (image,) = planar_images(delta_p, SIZE, SEED)
     estimate = model.estimate(image)
@@ -104,5 +104,5 @@ def test_a_model_states_its_own_limit() -> None:
     read = displacements_from_poses(np.eye(4), estimate.displacement[None], PIVOT)
     np.testing.assert_allclose(read, delta_p, atol=2e-3)
     assert estimate.similarity > 0.97
-    without = KeyframeModel(keyframe, RANGES).estimate(image)
+    without = KeyframeModel(keyframe, reach=RANGES).estimate(image)
     assert without.least_similarity == LEAST_SIMILARITY

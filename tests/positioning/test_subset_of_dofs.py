@@ -200,9 +200,7 @@ def test_fewer_dofs_than_are_read_may_be_commanded(model):
     assert np.isnan(result.remaining[2:]).all()
 
 
-def test_levels_and_dofs_that_never_move_are_refused_in_one_line(data):
-    with pytest.raises(InvalidInputError, match="all six dofs, but these are for tx, ty, rz"):
-        train(data, method="levels")
+def test_dofs_that_never_move_are_refused_in_one_line():
     still = replace(planar_data_set(20, SIZE), asked_dofs=("tx", "tz"))
     fixed = replace(still, T_world_cam=np.tile(np.eye(4), (20, 1, 1)))
     with pytest.raises(DataSetError, match="tx, tz never move"):

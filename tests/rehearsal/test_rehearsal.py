@@ -1,6 +1,7 @@
 """Rehearsals of a small model, and what is said of them."""
 
 import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,6 @@ import pytest
 from rehearsal_sample import RANGES, model
 from servoscope.errors import InvalidInputError
 from servoscope.poses import displacements_from_poses, inverse_transform, rigid_transform
-from servoscope.positioning.keyframe_model import KeyframeModel
 from servoscope.rehearsal import OwnErrors, Rehearsal, TrueView
 from servoscope.rehearsal.page import rehearsal_table
 from servoscope.rehearsal.rendered_cell import cell_at_reference, cell_at_start
@@ -115,9 +115,7 @@ def test_every_number_of_processes_gives_the_same():
 
 def test_the_range_is_the_one_that_images_were_asked_for_or_their_own_or_the_user_s():
     sample = model()
-    asked = KeyframeModel(
-        sample.keyframe, sample.reach, {"translation_mm": 12.0, "rotation_deg": 3.0}, {}
-    )
+    asked = replace(sample, trained_on={"translation_mm": 12.0, "rotation_deg": 3.0})
     assert Rehearsal(sample).ranges == pytest.approx(RANGES)
     assert Rehearsal(asked).ranges == pytest.approx([0.012] * 3 + [np.radians(3)] * 3)
     user = Rehearsal(asked, range_mm=40.0)
@@ -146,8 +144,8 @@ def test_conditions_that_need_a_scene_are_refused():
     assert set(REHEARSED) < set(CONDITIONS)
 
 
-def test_a_model_of_levels_is_refused_with_what_to_do():
-    with pytest.raises(InvalidInputError, match=r"m is a model of levels.*--method keyframe"):
+def test_a_model_of_features_is_refused_with_what_to_do():
+    with pytest.raises(InvalidInputError, match=r"m is a model of features.*--method keyframe"):
         as_keyframe_model(object(), "m")
 
 

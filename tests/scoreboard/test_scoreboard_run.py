@@ -5,12 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from scoreboard_stand_in import FullStep, Nearest, learner
+from scoreboard_stand_in import replace_learners
 from servoscope.cli import main
 from servoscope.errors import InvalidInputError
 from servoscope.scoreboard import run as scoreboard_run
 from servoscope.scoreboard.conditions import CONDITIONS, SCENES
-from servoscope.scoreboard.learners import LEARNERS
 from servoscope.scoreboard.methods import METHODS
 from servoscope.scoreboard.page import write_scoreboard
 from servoscope.scoreboard.plan import Plan
@@ -19,14 +18,17 @@ from servoscope.storage.run_folder import open_run_folder
 
 CONDITIONS_RUN = ("range_0.4", "range_1.0", "noise_10", "depth_1.5")
 PLAN = Plan(
-    starts=2, image_size=64, seed=3, schedule=((6, 1.0), (4, 0.1)), conditions=CONDITIONS_RUN
+    starts=2,
+    image_size=64,
+    seed=3,
+    schedules=dict.fromkeys(("ours", "networks"), "6@1.0,4@0.1"),
+    conditions=CONDITIONS_RUN,
 )
 
 
 @pytest.fixture(autouse=True)
 def _stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(LEARNERS, "ours", learner(FullStep))
-    monkeypatch.setitem(LEARNERS, "networks", learner(Nearest))
+    replace_learners(monkeypatch)
     monkeypatch.setattr("servoscope.scoreboard.methods.MOST_MOVES_PHOTOMETRIC", 6)
 
 
@@ -50,8 +52,7 @@ def without_clock(path: Path) -> str:
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("scoreboard") / "run"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(LEARNERS, "ours", learner(FullStep))
-        patch.setitem(LEARNERS, "networks", learner(Nearest))
+        replace_learners(patch)
         patch.setattr("servoscope.scoreboard.methods.MOST_MOVES_PHOTOMETRIC", 6)
         run(path)
     return path
@@ -129,7 +130,9 @@ def test_the_command_prints_a_table_or_json(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("servoscope.scoreboard.plan.QUICK_CONDITIONS", ("gain_0.8",))
-    monkeypatch.setattr("servoscope.scoreboard.plan.QUICK_SCHEDULE", ((6, 1.0),))
+    monkeypatch.setattr(
+        "servoscope.scoreboard.plan.QUICK_SCHEDULES", {"ours": "6@1.0", "networks": "6@1.0"}
+    )
     out = ["--out", str(tmp_path / "run")]
     command = ["benchmark", "positioning", "--quick", "--starts", "1", "--image-size", "64", *out]
     assert main([*command, "--jobs", "1"]) == 0

@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from scoreboard_stand_in import FullStep, Oracle
+from scoreboard_stand_in import FullStep, Nearest, Oracle
+from servoscope.acquisition import AcquisitionConfig, acquire
 from servoscope.positioning import LoopSettings
 from servoscope.scoreboard.cell import robot_at_reference, robot_at_start
 from servoscope.scoreboard.conditions import CONDITIONS
@@ -66,3 +67,13 @@ def test_a_start_out_of_reach_is_a_fault_of_the_robot(monkeypatch: pytest.Monkey
     trial = run_start("textured_plane", "arm", 64, 0, 2, stand_in, LoopSettings())
     assert (trial.status, trial.moves, trial.decisions_ms) == ("robot_fault", 0, [])
     assert trial.end_mm == trial.start_mm > 1
+
+
+def test_estimates_that_hop_to_both_sides_of_the_reference_end_in_time(tmp_path) -> None:
+    """The view is displaced by a little more than may be, and the mean asks for no move."""
+    config = AcquisitionConfig(schedule=((6, 1.0), (4, 0.1)), image_size=64, seed=3)
+    nearest = Nearest(acquire(tmp_path / "data", config, n_jobs=1))
+    settings = loop_settings("networks", CONDITIONS["range_0.4"].repeatability)
+    trial = run_start("cylinder_head", "range_0.4", 64, 3, 0, nearest, settings)
+    assert trial.moves <= settings.max_moves
+    assert "led to no decision" not in trial.message

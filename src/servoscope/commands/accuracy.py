@@ -78,22 +78,6 @@ def print_accuracy(
         out.print("in the loop: servoscope rehearse MODEL")
 
 
-def print_rings(accuracy: Mapping[str, Any]) -> None:
-    """Print the median errors of levels by how far away the camera is, in mm and degrees."""
-    table = Table(title="Median error of one look", title_justify="left", padding=(0, 1))
-    for column in (
-        "displaced by up to",
-        "images",
-        *(f"{dof}\n[{unit}]" for dof, unit in zip(DOFS, DISPLAY_UNITS, strict=True)),
-    ):
-        table.add_column(column, justify="right")
-    for ring in accuracy["rings"]:
-        for kind in ("clean", "disturbed"):
-            errors = [f"{ring[kind][dof]:.3f}" for dof in DOFS]
-            table.add_row(f"{ring['mm']:.3g} mm, {ring['deg']:.3g} deg", kind, *errors)
-    console().print(table)
-
-
 def observability(observable: Mapping[str, bool]) -> str:
     """What the images inform of lens, mount and depth, in one line.
 

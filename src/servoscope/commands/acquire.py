@@ -45,7 +45,7 @@ def acquire(
 
     Example: servoscope acquire gantry --schedule 40@1.6 --dofs tx,ty,rz
 
-    Example: servoscope acquire plane --schedule default --part textured_plane --robot arm
+    Example: servoscope acquire plane --schedule 40@1.6 --part textured_plane --robot arm
 
     Args:
         n_images: Number of images, drawn from the whole range; 1000 by default. With --until,

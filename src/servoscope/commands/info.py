@@ -151,7 +151,6 @@ def describe_model(folder: Path) -> dict[str, Any]:
         "dofs": dofs if "dofs" in header else None,
         "ranges": _ranges(header.get("reach"), dofs),
         "pivot_mm": _millimetres(header.get("pivot")),
-        "levels": header.get("levels"),
         "accuracy": header.get("accuracy"),
         "limit": None if keyframe is None else _by_dof(keyframe.limit().std, dofs),
         "arrays": len(arrays),
@@ -173,7 +172,7 @@ def _print_model(folder: Path) -> None:
         print_facts(facts)
         return
     limit = facts.get("limit")
-    shown = {"kind": "levels" if limit is None else "keyframe", "images": _trained_on(facts)}
+    shown = {"kind": facts.get("kind", "unknown"), "images": _trained_on(facts)}
     if "ranges" in facts:
         shown["dofs, range"] = _short_ranges(facts["ranges"])
     if "pivot_mm" in facts:
@@ -221,11 +220,10 @@ def _short_ranges(ranges: dict[str, str]) -> str:
 def _keyframe(header: dict[str, Any], arrays: dict[str, Any]) -> Keyframe | None:
     """The keyframe of a model, if it is one."""
     from servoscope.keyframe import Keyframe
-    from servoscope.positioning.keyframe_model import KIND, parts_of
+    from servoscope.positioning.keyframe_model import KeyframeModel, parts_of
 
-    return (
-        Keyframe.from_arrays(parts_of(arrays)["keyframe"]) if header.get("kind") == KIND else None
-    )
+    is_keyframe = header.get("kind") == KeyframeModel.kind
+    return Keyframe.from_arrays(parts_of(arrays)["keyframe"]) if is_keyframe else None
 
 
 def _write_figure(folder: Path | None, file: Path, dataset: Path | None) -> None:

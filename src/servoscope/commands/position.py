@@ -14,7 +14,6 @@ from servoscope.errors import InvalidInputError, ServoscopeError, ServoscopeWarn
 
 if TYPE_CHECKING:
     from servoscope.positioning import (
-        KeyframeModel,
         LoopSettings,
         PositioningModel,
         PositioningResult,
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from servoscope.robots.recorded import RecordedRobot
     from servoscope.robots.registry import SimulatedRobot
 
-    Trained = PositioningModel | KeyframeModel
 
 Log = Annotated[Path | None, arg(metavar="FOLDER", help="New folder to log the run to.")]
 Replay = Annotated[
@@ -172,7 +170,7 @@ def _check_robot(robot: str | None) -> None:
 
 
 def _recorded(
-    model: Trained, folder: Path, start: str | None, seed: int
+    model: PositioningModel, folder: Path, start: str | None, seed: int
 ) -> tuple[RecordedRobot, Any]:
     """A robot that lives in a recording of the model's reference, and the reference's pose."""
     import numpy as np
@@ -211,7 +209,7 @@ def _number(start: str, wanted: str) -> int:
 
 
 def _simulated_cell(
-    model: Trained, robot: str | None, condition: str, seed: int, start: str | None
+    model: PositioningModel, robot: str | None, condition: str, seed: int, start: str | None
 ) -> SimulatedRobot:
     """The robot and the part of training, at a start and under a condition."""
     from servoscope.poses import DOFS
@@ -245,7 +243,7 @@ def _simulated_cell(
 
 
 def _run(
-    model: Trained,
+    model: PositioningModel,
     cell: SimulatedRobot | RecordedRobot,
     T_ref: Any,
     settings: LoopSettings,
@@ -310,7 +308,7 @@ def _print_run(result: PositioningResult, distances: Sequence[dict[str, float]])
     out.print(f"{result.status}: {result.message}")
 
 
-def _replayed(model: Trained, folder: Path) -> dict[str, Any]:
+def _replayed(model: PositioningModel, folder: Path) -> dict[str, Any]:
     import numpy as np
 
     from servoscope.positioning.run_log import replay

@@ -56,7 +56,9 @@ def train(
     out: ModelOut = Path("servoscope-model"),
     add: Add = (),
     assessment: Path | None = None,
-    method: Literal["auto", "keyframe", "levels"] = "auto",
+    method: Literal["auto", "keyframe", "features"] = "auto",
+    families: str | None = None,
+    regressor: str | None = None,
     intrinsics: Intrinsics = None,
     pose_noise: PoseNoise = None,
     distance_mm: float | None = None,
@@ -69,9 +71,10 @@ def train(
     """Train a model that brings the camera back to the reference of a data set.
 
     Twenty to sixty images spread over the range make a keyframe: the reference image with lens,
-    mount and depth. Hundreds in rings around the reference make levels and networks. The poses may
-    be those of the robot's flange: where the camera sits in it need not be known. The model reads
-    and commands the degrees of freedom that move in the data set, or those of --dofs.
+    mount and depth. Where none explains the view, or where families of features are named, a
+    pipeline of features and a regressor for each dof is trained, on 60 images or more. The poses
+    may be those of the robot's flange: where the camera sits in it need not be known. The model
+    reads and commands the degrees of freedom that move in the data set, or those of --dofs.
 
     Example: servoscope acquire cell --schedule 40@1.6 && servoscope train cell --out model
 
@@ -83,16 +86,20 @@ def train(
 
     Example: servoscope train cell --intrinsics 512,512,319.5,239.5,-0.1,0.02 --pose-noise 0.1,0.02
 
+    Example: servoscope train cell --families moments,log_polar --regressor kernel_ridge
+
     Args:
         assessment: Run of assess on this data set: accuracy is measured on the images that it
-            tested on, and the model keeps its forecasts. A keyframe is made by default if one
-            explained the view there.
-        method: What to make; by default a keyframe, or, of images that are enough for levels too,
-            what reads images held out better.
+            tested on, and the model keeps its forecasts. If no keyframe explained the view there,
+            the model is the pipeline that was assessed.
+        method: What to make; by default a keyframe, or a model of features where that is not
+            possible or features are named.
+        families: Families of features to choose from, with commas between them, as of assess.
+        regressor: What is trained on features, as of assess; a Gaussian process by default.
         distance_mm: Of the part from the camera, within a factor of two, for a keyframe.
-        seed: Seed of the nets, of what is held out, and of the disturbances.
+        seed: Seed of what is held out and of the regressors, for a model of features.
     """
-    from servoscope.commands.accuracy import print_accuracy, print_rings
+    from servoscope.commands.accuracy import print_accuracy
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import console, print_json
     from servoscope.commands.progress import progress_bar
@@ -100,8 +107,8 @@ def train(
     from servoscope.data.images import PoseImageSet
     from servoscope.data.independence import mark_sequence
     from servoscope.dofs import parse_dofs
+    from servoscope.features.catalogue import parse_families
     from servoscope.poses import DISPLAY_FACTORS, DOFS
-    from servoscope.positioning.decision import decision_text
     from servoscope.positioning.keyframe_model import KeyframeModel
     from servoscope.positioning.training import N_STAGES
     from servoscope.positioning.training import train as train_model
@@ -130,6 +137,8 @@ def train(
         model = train_model(
             data,
             method=method,
+            families=None if families is None else parse_families(families),
+            regressor=regressor,
             seed=seed,
             n_jobs=processes,
             on_progress=advance,
@@ -140,14 +149,11 @@ def train(
     if json:
         print_json({"model": str(out), "dofs": list(data.dofs), "accuracy": model.accuracy})
     else:
+        limit = None
         if isinstance(model, KeyframeModel):
-            limit = (model.keyframe.limit().std * DISPLAY_FACTORS).tolist()
-            print_accuracy(model.accuracy, limit=dict(zip(DOFS, limit, strict=True)))
-        else:
-            print_accuracy(model.accuracy)
-            print_rings(model.accuracy)
-        if "decision" in model.accuracy:
-            console().print(decision_text(model.accuracy["decision"]), soft_wrap=True)
+            std = (model.keyframe.limit().std * DISPLAY_FACTORS).tolist()
+            limit = dict(zip(DOFS, std, strict=True))
+        print_accuracy(model.accuracy, limit=limit)
         console().print(f"model: {out}", soft_wrap=True)
 
 
@@ -200,7 +206,7 @@ def read_assessment(run: Path, data: PoseImageSet) -> Assessed:
         raise RunFolderError(
             f"{run} is damaged ({one_line(error)}); make the run again with --force."
         ) from error
-    return Assessed(pipeline.split_, groups, record)
+    return Assessed(pipeline, groups, record)
 
 
 def _dof_records(pipeline: PosePipeline, found: dict[str, Any]) -> dict[str, Any]:

@@ -28,14 +28,8 @@ class Ring(NamedTuple):
 
 Schedule = tuple[Ring, ...]
 
-RECOMMENDED: Schedule = (
-    Ring(900, 1.6),
-    Ring(800, 1.0),
-    Ring(400, 0.4),
-    Ring(400, 0.12),
-    Ring(400, 0.04),
-)
-"""Rings for positioning: beyond the range, over it, and three around the reference."""
+RECOMMENDED: Schedule = (Ring(40, 1.6),)
+"""Images for positioning: beyond the range, so that a start at its border is within."""
 
 _EXAMPLE = "1000@1.0,400@0.2"
 

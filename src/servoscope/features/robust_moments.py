@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import LinAlgError, lapack, svd
+from sklearn.utils.validation import check_is_fitted
 
 from servoscope.errors import InvalidInputError
 from servoscope.features.cell_moments import GradientMoments, IntensityMoments, intensity_cells
@@ -95,6 +96,34 @@ class RobustProjection:
                     weights[block] = (scale**2 / (scale**2 + squares)) ** 2
                 completed[block] = self._without_nuisances(solution)
         return completed, weights
+
+    ARRAYS: ClassVar[tuple[str, ...]] = ("mean", "components", "nuisances", "noise")
+
+    def to_arrays(self) -> dict[str, Array]:
+        """The arrays that make it."""
+        return {name: getattr(self, name) for name in self.ARRAYS}
+
+    @classmethod
+    def from_arrays(
+        cls, arrays: Mapping[str, ArrayLike], n_layers: int, n_values: int
+    ) -> RobustProjection:
+        """The projection of arrays, for so many layers and values.
+
+        Raises
+        ------
+        InvalidInputError
+            If the arrays are not of so many values, or the noise is not above 0.
+        """
+        mean, components, nuisances, noise = (
+            np.asarray(arrays[name], dtype=np.float64) for name in cls.ARRAYS
+        )
+        shapes = {mean.shape, components.shape[1:], nuisances.shape[1:], noise.shape}
+        if shapes != {(n_values,)} or not (noise > 0).all():
+            raise InvalidInputError(
+                f"The arrays of a robust projection must be of {n_values} values each, with noise "
+                f"above 0, got the shapes {sorted(map(str, shapes))}."
+            )
+        return cls(mean, components, nuisances, noise, n_layers)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what follows from the fields, which takes more room than they do."""
@@ -273,6 +302,53 @@ class RobustMoments(ImageTransformer):
         _, weights = self.coarse_.complete(values, _COARSE_SCALES)
         completed, _ = self.fine_.complete(values, _FINE_SCALES, weights)
         return self._pooled(completed).reshape(len(values), -1)
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """What was learned, as plain arrays of numbers.
+
+        Raises
+        ------
+        NotFittedError
+            If nothing was.
+        """
+        check_is_fitted(self)
+        return {
+            "settings": np.array([*self.image_shape_, self.n_cells, self.n_fine_cells, self.size]),
+            "brightest": np.array([self.grey_scale_, self.brightest_]),
+            **{f"coarse.{name}": array for name, array in self.coarse_.to_arrays().items()},
+            **{f"fine.{name}": array for name, array in self.fine_.to_arrays().items()},
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, ArrayLike]) -> RobustMoments:
+        """Features as those that `to_arrays` was called on.
+
+        Raises
+        ------
+        InvalidInputError
+            If the arrays do not belong together.
+        KeyError
+            If some are missing.
+        """
+        height, width, n_cells, n_fine_cells, size = map(int, np.asarray(arrays["settings"]))
+        check_n_cells(n_cells)
+        features = cls(n_cells=n_cells, n_fine_cells=n_fine_cells, size=size)
+        black = np.zeros((2, height, width), np.uint8)
+        flat = features._images_to_fit(black)
+        features.grey_scale_, features.brightest_ = map(float, np.asarray(arrays["brightest"]))
+        features.gradient_ = GradientMoments(n_fine_cells, size).fit(black)
+        features.intensity_ = IntensityMoments(n_fine_cells, size).fit(black)
+        values, n_layers = features._fine_moments(flat), len(features._layer_names())
+        features.coarse_, features.fine_ = (
+            RobustProjection.from_arrays(
+                {name: arrays[f"{stage}.{name}"] for name in RobustProjection.ARRAYS},
+                n_layers,
+                values.shape[1],
+            )
+            for stage in ("coarse", "fine")
+        )
+        features.n_rows_, features.n_columns_ = features._pooled(values).shape[-2:]
+        return features
 
     def _checked_n_components(self, n_images: int) -> int:
         if self.n_components is None:

@@ -1,12 +1,11 @@
+from .feature_model import FeatureModel as FeatureModel
 from .interfaces import Camera as Camera
 from .interfaces import Estimate as Estimate
 from .interfaces import Estimator as Estimator
 from .interfaces import Robot as Robot
-from .iterated_networks import IteratedNetworks as IteratedNetworks
 from .keyframe_model import KeyframeModel as KeyframeModel
 from .look_and_move import Positioner as Positioner
 from .model import PositioningModel as PositioningModel
-from .pose_networks import PoseNetworks as PoseNetworks
 from .result import PositioningResult as PositioningResult
 from .settings import LoopSettings as LoopSettings
 from .training import train as train

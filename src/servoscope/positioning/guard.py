@@ -20,8 +20,8 @@ from servoscope.poses import (
     pose_error,
     rigid_transform,
 )
-from servoscope.positioning.image_error import thumbnail
 from servoscope.positioning.interfaces import Estimate
+from servoscope.positioning.reference_view import thumbnail
 from servoscope.positioning.settings import LoopSettings
 from servoscope.wording import one_line
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,27 +19,23 @@ from servoscope.keyframe import Alignment, Keyframe, Readings, read_held_out
 from servoscope.keyframe.alignment import CLEARLY_ALIKE
 from servoscope.keyframe.fitting import evenly_spread
 from servoscope.poses import (
-    DISPLAY_FACTORS,
     DOFS,
     inverse_transform,
     poses_from_displacements,
 )
+from servoscope.positioning.accuracy import describe_errors, deviation_factor, read_right
 from servoscope.positioning.calibration import Calibration
 from servoscope.positioning.first_guess import FirstGuess
 from servoscope.positioning.interfaces import Array, Estimate, Image
+from servoscope.positioning.model import PositioningModel
 from servoscope.positioning.recognition import (
     LEAST_SIMILARITY,
     Recognition,
     chance_similarity,
     least_similarity,
-    read_right,
     recogniser,
 )
 from servoscope.processes import in_processes
-from servoscope.storage.model_folder import Folder, write_model
-
-KIND = "keyframe"
-"""What ``model.json`` calls a model of this kind."""
 
 RESIDUAL = "held_out_residual"
 """The array of a model folder that holds the residuals of images held out, by pixel."""
@@ -57,9 +53,7 @@ _MOST_IMAGES = 90
 _FARTHEST = np.repeat([2.0, 1.5], 3)
 """Shares of the reach beyond which nothing is read, by dof; a part that is turned is another."""
 
-_MOST_OPTIMISTIC = 5.0
 _N_GROUPS = 3
-_NORMAL_QUANTILE_90 = 1.645
 
 
 class HeldOutReadings(NamedTuple):
@@ -81,41 +75,26 @@ class HeldOutReadings(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class KeyframeModel:
+class KeyframeModel(PositioningModel):
     """Reads displacements by warping the reference image onto what is seen.
+
+    The parameters below, and those of `PositioningModel`.
 
     Parameters
     ----------
     keyframe : Keyframe
-    reach : ndarray of shape (6,)
-        Largest displacements about the pivot that it was fitted to, [m] and [rad]; 0 for dofs that
-        are not read.
-    trained_on : dict
-        Where its images come from, as plain JSON values.
-    accuracy : dict
-        What was found on images that were held out, as plain JSON values.
     residual : ndarray of shape (rows, columns), float32, optional
         Residuals of images held out, by pixel of the reference image, in multiples of the noise;
         negative where none shows it.
     first_guess : FirstGuess, optional
         Where the search begins.
-    dofs : tuple of str
-        The degrees of freedom that are commanded: some of those that the keyframe reads.
     """
 
+    kind: ClassVar[str] = "keyframe"
+
     keyframe: Keyframe
-    reach: Array
-    trained_on: dict[str, Any] = field(default_factory=dict)
-    accuracy: dict[str, Any] = field(default_factory=dict)
     residual: NDArray[np.float32] | None = None
     first_guess: FirstGuess | None = None
-    dofs: tuple[str, ...] = DOFS
-
-    @property
-    def image_shape(self) -> tuple[int, int]:
-        """Height and width of the images that it takes, [px]."""
-        height, width = self.reference_image.shape
-        return height, width
 
     @property
     def reference_image(self) -> Image:
@@ -213,7 +192,6 @@ class KeyframeModel:
         is_read, is_commanded = mask_of(keyframe.dofs), mask_of(data.dofs)
         errors, reach = np.abs(readings.errors) * is_read, np.where(is_read, data.ranges(), 0.0)
         right = read_right(errors * is_commanded, reach)
-        rms = np.sqrt(np.mean(readings.errors[right if right.any() else ...] ** 2, axis=0))
         factor = np.ones(6)
         factor[is_read] = deviation_factor(
             errors[right][:, is_read], readings.std[right][:, is_read]
@@ -223,15 +201,7 @@ class KeyframeModel:
         chance = chance_similarity(keyframe, fitted.images, _FARTHEST * reach)
         within = (errors <= 2 * factor * readings.std)[:, is_commanded]
         accuracy = {
-            "rms": _by_dof(rms * DISPLAY_FACTORS, data.dofs),
-            "held_out": {
-                "images": len(errors),
-                "share_right": float(right.mean()),
-                **({} if n_groups is None else {"groups": n_groups}),
-            },
-            "error_shares": _by_dof(error_shares(errors, truth), data.dofs),
-            "median": _by_dof(np.median(errors, axis=0) * DISPLAY_FACTORS, data.dofs),
-            "quantile_90": _by_dof(np.quantile(errors, 0.9, axis=0) * DISPLAY_FACTORS, data.dofs),
+            **describe_errors(readings.errors, truth, data.dofs, reach, n_groups),
             "within_2_std": float(np.mean(within)),
             "similarity": float(np.median(readings.similarity)),
             "chance_similarity": chance,
@@ -244,9 +214,13 @@ class KeyframeModel:
         }
         residual = np.nan_to_num(readings.residual_map / readings.noise, nan=NOT_SEEN)
         return cls(
-            keyframe, reach, dict(data.source), accuracy, residual.astype(np.float32),
+            keyframe,
+            residual.astype(np.float32),
+            reach=reach,
+            trained_on=dict(data.source),
+            accuracy=accuracy,
             dofs=data.dofs,
-        )  # fmt: skip
+        )
 
     def estimate(self, image: Image, previous: Estimate | None = None) -> Estimate:
         """Where an image was taken.
@@ -296,65 +270,36 @@ class KeyframeModel:
     def _recognition(self) -> Recognition:
         return Recognition(self.keyframe)
 
-    def save(self, folder: Folder, *, force: bool = False) -> None:
-        """Write the model to a folder of its own, whole or not at all.
-
-        Raises
-        ------
-        FolderExistsError
-            If the folder holds something, unless it is a model and `force` is set.
-        """
-        header = {
-            "kind": KIND,
-            "image_size": list(self.image_shape),
-            "pivot": self.pivot,
-            "reach": self.reach.tolist(),
-            "dofs": list(self.dofs),
-            "trained_on": self.trained_on,
-            "accuracy": self.accuracy,
-        }
+    def to_arrays(self) -> dict[str, NDArray[Any]]:
+        """What reads images, as arrays of numbers."""
         parts = {"keyframe": self.keyframe.to_arrays()}
         if self.first_guess is not None:
             parts["first_guess"] = self.first_guess.to_arrays()
         arrays = {
             f"{part}/{name}": array for part, own in parts.items() for name, array in own.items()
         }
-        if self.residual is not None:
-            arrays[RESIDUAL] = self.residual
-        write_model(folder, header, arrays, force=force)
+        return arrays if self.residual is None else {**arrays, RESIDUAL: self.residual}
 
     @classmethod
-    def restore(
-        cls, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
-    ) -> KeyframeModel:
-        """The model of a header and arrays.
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]], **known: Any) -> Self:
+        """The model of its arrays and of its other parameters.
 
         Raises
         ------
         ValueError, KeyError, TypeError
             If they are not those of a model of this kind.
         """
-        parts = parts_of(arrays)
+        parts, reach, dofs = parts_of(arrays), known["reach"], known["dofs"]
         keyframe = Keyframe.from_arrays(parts["keyframe"])
-        reach = np.array(header["reach"], dtype=float)
-        if list(keyframe.reference_image.shape) != list(header["image_size"]):
-            raise ValueError("its reference image is not of its image size")
-        dofs = check_dofs(header.get("dofs", DOFS))  # models were of all six before they said so
-        if reach.shape != (6,) or not (np.isfinite(reach) & (reach >= 0)).all():
-            raise ValueError("its reach is not six numbers, 0 or more")
         if ((reach > 0) != mask_of(keyframe.dofs)).any() or not set(dofs) <= set(keyframe.dofs):
             raise ValueError("its dofs are not those of its reach and its keyframe")
-        if not 0 <= float(header["accuracy"].get("least_similarity", 0)) <= 1:
+        if not 0 <= float(known["accuracy"].get("least_similarity", 0)) <= 1:
             raise ValueError("its least similarity is not between 0 and 1")
-        guess = parts["first_guess"]
         first_guess = None
-        if guess:
+        if parts["first_guess"]:
             shape = keyframe.reference_image.shape
-            first_guess = FirstGuess.from_arrays(guess, shape, reach, keyframe.pivot)
-        return cls(
-            keyframe, reach, dict(header["trained_on"]), dict(header["accuracy"]),
-            arrays.get(RESIDUAL), first_guess, dofs,
-        )  # fmt: skip
+            first_guess = FirstGuess.from_arrays(parts["first_guess"], shape, reach, keyframe.pivot)
+        return cls(keyframe, arrays.get(RESIDUAL), first_guess, **known)
 
 
 def keyframe_options(data: PoseImageSet, calibration: Calibration | None = None) -> dict[str, Any]:
@@ -426,12 +371,6 @@ def parts_of(arrays: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, NDArray[
     return parts
 
 
-def error_shares(errors: Array, truth: Array) -> Array:
-    """RMS errors, (n, 6), as shares of those of predicting the mean of the truth, (6,)."""
-    spread = np.maximum(truth.std(axis=0), 1e-12)
-    return np.asarray(np.sqrt(np.mean(errors**2, axis=0)) / spread)
-
-
 def least_noise_share(readings: Readings) -> float:
     """Share of the noise that is left where images are explained better than it allows.
 
@@ -442,16 +381,3 @@ def least_noise_share(readings: Readings) -> float:
     if not len(seen) or not readings.noise > 0:
         return 1.0
     return float(np.clip(np.quantile(seen, 0.1) / readings.noise, 0.1, 1.0))
-
-
-def deviation_factor(errors: Array, std: Array) -> Array:
-    """By how much believed deviations of images held out were too small, by dof; 1 at least."""
-    if not len(errors):
-        return np.full(6, _MOST_OPTIMISTIC)
-    ratio = np.quantile(errors / std, 0.9, axis=0) / _NORMAL_QUANTILE_90
-    return np.asarray(np.clip(ratio, 1.0, _MOST_OPTIMISTIC))
-
-
-def _by_dof(values: Array, dofs: tuple[str, ...]) -> dict[str, float]:
-    by_dof = dict(zip(DOFS, map(float, values), strict=True))
-    return {dof: by_dof[dof] for dof in dofs}

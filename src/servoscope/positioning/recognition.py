@@ -133,8 +133,3 @@ def least_similarity(own: Array, chance: float) -> float:
         )
         return round(max(usual, LEAST_SIMILARITY), 4)
     return round(min(usual, (max(chance, _LEAST_CHANCE) + usual) / 2), 4)
-
-
-def read_right(errors: Array, reach: Array) -> NDArray[np.bool_]:
-    """Which images were read at about the right place, given errors of shape (n, 6)."""
-    return np.asarray((np.abs(errors) <= 0.25 * reach).all(axis=1))

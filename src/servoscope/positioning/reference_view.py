@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.errors import InvalidInputError
 from servoscope.features.cells import shrink
-from servoscope.positioning.image_error import image_error, reference_thumbnail, thumbnail
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -23,6 +23,10 @@ N_CELLS = 8
 MATCH = 0.7
 """Normalised correlation of a cell that shows what the reference shows there."""
 
+THUMBNAIL_SIZE = 64
+"""Pixels along the longer side of a thumbnail."""
+
+_BLUR, _LEAST_CONTRAST = 2.0, 1.0
 _LEAST_CELL = 3
 _SIGMA = 0.8
 _SMOOTH = 2.0
@@ -247,3 +251,51 @@ def _unclipped(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 def _prepared(image: NDArray[np.uint8]) -> Floats:
     return np.asarray(cv2.GaussianBlur(shrink(image, SIZE), (0, 0), _SIGMA), dtype=np.float32)
+
+
+def thumbnail(image: NDArray[np.uint8]) -> Floats:
+    """The image small and blurred, in which neither noise nor fine texture counts.
+
+    Its longer side is `THUMBNAIL_SIZE` pixels, or that of a smaller image.
+
+    Examples
+    --------
+    >>> thumbnail(np.zeros((256, 128), np.uint8)).shape
+    (64, 32)
+    """
+    small = cv2.GaussianBlur(shrink(image, THUMBNAIL_SIZE), (0, 0), _BLUR)
+    return np.asarray(small, dtype=np.float32)
+
+
+def image_error(small: Floats, small_reference: Floats) -> float:
+    """One minus the zero-mean normalised cross-correlation of two thumbnails, 0 to 2.
+
+    Neither gain nor offset of the image change it. A covered part of the view adds to it, but
+    about as much at every pose, so that its rise and fall keep their meaning.
+
+    Examples
+    --------
+    >>> small = np.arange(12, dtype=np.float32).reshape(3, 4)
+    >>> round(image_error(0.5 * small + 7, small), 6), round(image_error(-small, small), 6)
+    (0.0, 2.0)
+    """
+    a, b = (np.ravel(part - part.mean(dtype=float)) for part in (small, small_reference))
+    length = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return 1.0 - float(a @ b) / length if length > 0 else 1.0
+
+
+def reference_thumbnail(reference_image: NDArray[np.uint8]) -> Floats:
+    """The thumbnail of a reference image.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is nothing to be seen in it.
+    """
+    small = thumbnail(reference_image)
+    if small.std() < _LEAST_CONTRAST:
+        raise InvalidInputError(
+            f"The reference image must show something, but its grey levels differ by only "
+            f"{small.std():.2f}; train on images in which the part is seen."
+        )
+    return small

@@ -35,6 +35,7 @@ OnStep = Callable[[Step, Image], object]
 _RETURNING = ("diverged", "max_moves")
 _MOST_UNCONFIRMED = 2
 _MOST_CORRECTIONS = 2
+_MOST_LOOKS = 10
 _FAR = 0.1
 _LEAST_SEEN = 0.05
 _SAME_CELLS = 0.9
@@ -111,11 +112,15 @@ class Run:
 
     def _approach(self, interruption: Interruption, dry_run: bool) -> NoReturn:
         try:
+            n_looks = 0
             while True:
                 interruption.check()
-                commanded = self._look()
-                if commanded is None:
+                commanded, n_looks = self._look(), n_looks + 1
+                if commanded is None and n_looks < _MOST_LOOKS:
                     continue
+                if commanded is None:
+                    raise RunEnded("abstained", _UNDECIDED)
+                n_looks = 0
                 if dry_run:
                     raise RunEnded("dry_run", _dry_run_message(commanded))
                 self._moved_after.append((self.steps[-1], self._last_image))
@@ -222,7 +227,7 @@ class Run:
         if may_move and self.robot.moves < settings.max_moves and mean.asks_for_a_move:
             self._n_corrections += 1
             return self._next_move(mean.estimate)
-        return self._arrival(is_settled=True)
+        return self._arrival(is_settled=True) or self._next()
 
     def _report(self, image: Image) -> None:
         if self.on_step is None:
@@ -461,6 +466,10 @@ class Run:
         return np.where(is_commanded, delta_p, np.nan), np.where(is_commanded, std, np.nan)
 
 
+_UNDECIDED = (
+    f"{_MOST_LOOKS} looks from one pose led to no decision; see that the view is free and stands "
+    "still."
+)
 _EQUAL = "The image equals the reference to within its noise."
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,36 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.data.images import PoseImageSet
-from servoscope.data.independence import independent_groups
-from servoscope.data.splits import Split
+from servoscope.data.independence import LEAST_IMAGES
 from servoscope.dofs import mask_of
 from servoscope.errors import DataSetError, InvalidInputError, ServoscopeWarning
-from servoscope.poses import DISPLAY_FACTORS, DOFS, displacements_from_poses
+from servoscope.pipeline import PosePipeline
+from servoscope.poses import DOFS
+from servoscope.positioning.accuracy import check_observable, is_of_use
 from servoscope.positioning.calibration import Calibration
-from servoscope.positioning.decision import compare_methods
-from servoscope.positioning.keyframe_model import KeyframeModel, error_shares, read_test_images
-from servoscope.positioning.ladder import HeldOut, has_images_for_levels, learn_levels, plan_rungs
-from servoscope.positioning.model import PositioningModel
-from servoscope.positioning.pose_networks import PoseNetworks
-from servoscope.processes import one_blas_thread
-from servoscope.scene.disturbances import Disturbances
+from servoscope.positioning.feature_model import FeatureModel
+from servoscope.positioning.keyframe_model import KeyframeModel, read_test_images
 
 Array = NDArray[np.float64]
 
-METHODS = ("auto", "keyframe", "levels")
+METHODS = ("auto", "keyframe", "features")
 
 N_STAGES = 3
-"""Stages of training that progress is told of: levels, networks, and what they reach."""
+"""Stages of training that progress is reported of."""
 
-LEAST_GAIN = 0.8
-"""A dof is observable if its error is at most this share of that of predicting the mean."""
-
-_OUTER = 0.3
 _OUTLYING = 1.1
 _MOST_NAMED = 3
-_N_GROUPS = 6
-_MOST_CHECKED = 40
-_LEAST_OUTER = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +38,8 @@ class Assessed:
 
     Parameters
     ----------
-    split : Split
-        The images that it learned from, and those that it tested on.
+    pipeline : PosePipeline
+        What was chosen and trained there, with the split of the images in which it was tested.
     groups : ndarray of shape (n_images,)
         Images of a group are not independent of each other.
     record : dict
@@ -58,19 +47,13 @@ class Assessed:
         keyframe, None if none explains the view, and whatever else.
     """
 
-    split: Split
+    pipeline: PosePipeline
     groups: NDArray[np.intp]
     record: dict[str, Any]
 
-    def parts(self, n_images: int) -> NDArray[np.intp]:
-        """0 for each image that tests, 1 for those learned from, and -1 for those of neither.
-
-        Raises
-        ------
-        InvalidInputError
-            If these are not parts of so many images.
-        """
-        learned, test = self.split.learned, self.split.test
+    def check(self, n_images: int) -> None:
+        """Raise InvalidInputError unless its split is of so many images, and tests on some."""
+        learned, test = self.pipeline.split_.learned, self.pipeline.split_.test
         both = np.concatenate([learned, test])
         is_of_them = bool(both.size) and 0 <= both.min() <= both.max() < n_images
         if not (is_of_them and test.size and len(np.unique(both)) == len(both)) or (
@@ -81,35 +64,39 @@ class Assessed:
                 f"{len(learned)} that are learned from and {len(test)} that test, of "
                 f"{len(self.groups)}; assess these images."
             )
-        parts = np.full(n_images, -1)
-        parts[learned], parts[test] = 1, 0
-        return parts
 
 
 def train(
     data: PoseImageSet,
     *,
     method: str = "auto",
+    families: Sequence[Any] | None = None,
+    regressor: Any = None,
     seed: int = 0,
     n_jobs: int | None = -1,
     on_progress: Callable[[int], object] | None = None,
     calibration: Calibration | None = None,
     assessment: Assessed | None = None,
-) -> PositioningModel | KeyframeModel:
+) -> KeyframeModel | FeatureModel:
     """A model that reads where images were taken.
 
     Parameters
     ----------
     data : PoseImageSet
-        Best taken in rings around the reference, see ``servoscope acquire --schedule``. Its poses
-        may be the flange's: where the camera sits need not be known. The model reads and commands
-        the degrees of freedom of ``data.dofs``.
-    method : {"auto", "keyframe", "levels"}
-        Fit a keyframe, which takes 15 to 60 images, or learn levels and networks, which take
-        hundreds and all six degrees of freedom; by default a keyframe if the images are too few
-        for levels, else what reads images held out better.
+        Spread over the range that is to be covered. Its poses may be the flange's: where the
+        camera sits need not be known. The model reads and commands the degrees of freedom of
+        ``data.dofs``.
+    method : {"auto", "keyframe", "features"}
+        Fit a keyframe, which takes 15 to 60 images, or train on image features, which takes 60 to
+        1000. By default features if some are named or no keyframe explains the view, else a
+        keyframe.
+    families : sequence of str or transformer, optional
+        The families of features to choose from: names of `servoscope.features.catalogue`, or
+        objects with ``fit(images, displacements)`` and ``transform(images)``.
+    regressor : str or estimator, optional
+        What is trained on features: a name in `servoscope.regression.REGRESSORS`.
     seed : int
-        Draws the nets' starts, what is held out, and the disturbances.
+        Draws the images that test a model of features, and what is random in its regressors.
     n_jobs : int, optional
         Processes, as joblib counts them; the model does not depend on it.
     on_progress : callable, optional
@@ -117,13 +104,10 @@ def train(
     calibration : Calibration, optional
         What is known of lens, poses and distance, for a keyframe.
     assessment : Assessed, optional
-        An assessment of these images. Accuracy, deviations and least similarity are then taken from
-        the images that it tested on, the method is by default the keyframe if one explained the
-        view there, and the model keeps its record.
-
-    Returns
-    -------
-    PositioningModel or KeyframeModel
+        An assessment of these images. A model of features is then the pipeline that was assessed;
+        accuracy, deviations and least similarity of a keyframe are taken from the images that it
+        tested on. By default it is a keyframe if one explained the view there. The model keeps
+        the record of the assessment.
 
     Raises
     ------
@@ -131,8 +115,7 @@ def train(
         If there are too few images, nothing moves or a dof that was asked for does not, or most
         dofs of images held out are predicted no better than by their mean.
     InvalidInputError
-        If levels are to be learned of images that are not displaced in all six dofs, or the
-        assessment is of other images.
+        If the method or a family is unknown, or the assessment is of other images.
 
     Warns
     -----
@@ -142,38 +125,55 @@ def train(
     """
     if method not in METHODS:
         raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, got {method!r}.")
-    method = _method_for(data, method)
-    parts = None if assessment is None else assessment.parts(len(data))
-    if method == "auto" and assessment is not None and assessment.record.get("loop") is not None:
-        method = "keyframe"
-    whole, data = data, within_range(data)
-    calibration = calibration or Calibration()
-    found = {} if assessment is None else {"assessment": assessment.record}
-    if method == "keyframe" or (
-        method == "auto" and not has_images_for_levels(data.delta_p() / data.ranges())
-    ):
-        keyframe = _keyframe(whole, data, assessment, calibration, n_jobs, on_progress)
-        keyframe.accuracy.update(found)
-        return keyframe
-    tell = on_progress or (lambda _: None)
-    groups = None if parts is None else parts[~_is_outlying(whole)]
-    with one_blas_thread():
-        levels, held_out = _levels(data, groups, seed, n_jobs, tell)
-        if method == "auto":
-            found["decision"] = compare_methods(levels, data, held_out, calibration)
-            if found["decision"]["chosen"] == "keyframe":
-                keyframe = _keyframe(whole, data, assessment, calibration, n_jobs, None)
-                keyframe.accuracy.update(found)
-                tell(N_STAGES)
-                return keyframe
-    levels.accuracy.update(found)
-    check_observable(levels.accuracy["error_shares"])
-    tell(N_STAGES)
-    return levels
+    has_recipe = families is not None or regressor is not None
+    if method == "keyframe" and has_recipe:
+        raise InvalidInputError(
+            "A keyframe takes no families and no regressor; leave them out, or train by features."
+        )
+    _check_dofs(data)
+    if assessment is not None:
+        assessment.check(len(data))
+        if method == "auto" and not has_recipe:
+            method = "features" if assessment.record.get("loop") is None else "keyframe"
+    inside = within_range(data)
+
+    def keyframe() -> KeyframeModel:
+        known, held_out = calibration or Calibration(), None
+        if assessment is not None:
+            split = assessment.pipeline.split_
+            held_out = read_test_images(data, split, assessment.groups, known)
+        return KeyframeModel.train(
+            inside, held_out=held_out, calibration=known, n_jobs=n_jobs, on_progress=on_progress
+        )
+
+    def features() -> FeatureModel:
+        if assessment is not None and not has_recipe:
+            return FeatureModel.of_pipeline(assessment.pipeline, data, assessment.groups)
+        return FeatureModel.train(
+            inside,
+            families=families,
+            regressor=regressor or "gaussian_process",
+            seed=seed,
+            n_jobs=n_jobs,
+            on_progress=on_progress,
+        )
+
+    model: KeyframeModel | FeatureModel
+    if method == "features" or (method == "auto" and has_recipe):
+        model = features()
+    elif method == "keyframe" or len(data) < LEAST_IMAGES:
+        model = keyframe()
+    else:
+        model = _first_of_use(keyframe, features)
+    check_observable(model.accuracy["error_shares"])
+    if assessment is not None:
+        model.accuracy["assessment"] = assessment.record
+    if on_progress is not None:
+        on_progress(N_STAGES)
+    return model
 
 
-def _method_for(data: PoseImageSet, method: str) -> str:
-    """The method for the degrees of freedom of a data set: a keyframe if they are not all six."""
+def _check_dofs(data: PoseImageSet) -> None:
     still = [dof for dof in data.dofs if not data.moves()[DOFS.index(dof)]]
     if still or not data.dofs:
         raise DataSetError(
@@ -181,14 +181,23 @@ def _method_for(data: PoseImageSet, method: str) -> str:
             f"{', '.join(still or DOFS)} never move in this data set; take images that are, or "
             "name other dofs."
         )
-    if data.dofs == DOFS:
-        return method
-    if method == "levels":
-        raise InvalidInputError(
-            "Levels are learned of images displaced in all six dofs, but these are for "
-            f"{', '.join(data.dofs)}; leave --method out: a keyframe reads them."
-        )
-    return "keyframe"
+
+
+def _first_of_use(
+    keyframe: Callable[[], KeyframeModel], features: Callable[[], FeatureModel]
+) -> KeyframeModel | FeatureModel:
+    """A keyframe; a model of features if none explains the view and features predict better."""
+    try:
+        model = keyframe()
+    except DataSetError as error:
+        try:
+            return features()
+        except DataSetError:
+            raise error from None
+    if is_of_use(model.accuracy["error_shares"]):
+        return model
+    other = features()
+    return other if is_of_use(other.accuracy["error_shares"]) else model
 
 
 def within_range(data: PoseImageSet) -> PoseImageSet:
@@ -220,136 +229,3 @@ def _is_outlying(data: PoseImageSet) -> NDArray[np.bool_]:
         return np.zeros(len(data), dtype=bool)
     is_beyond = np.abs(data.delta_p()) > _OUTLYING * data.ranges()
     return np.asarray(is_beyond[:, mask_of(data.dofs)].any(axis=1))
-
-
-def _keyframe(
-    whole: PoseImageSet,
-    data: PoseImageSet,
-    assessment: Assessed | None,
-    calibration: Calibration,
-    n_jobs: int | None,
-    on_progress: Callable[[int], object] | None,
-) -> KeyframeModel:
-    """A keyframe of the images within the range; the assessment is of all of them."""
-    held_out = None
-    if assessment is not None:
-        held_out = read_test_images(whole, assessment.split, assessment.groups, calibration)
-    model = KeyframeModel.train(
-        data,
-        held_out=held_out,
-        calibration=calibration,
-        n_jobs=n_jobs,
-        on_progress=on_progress,
-    )
-    check_observable(model.accuracy["error_shares"])
-    return model
-
-
-def _levels(
-    data: PoseImageSet,
-    groups: NDArray[np.intp] | None,
-    seed: int,
-    n_jobs: int | None,
-    tell: Callable[[int], object],
-) -> tuple[PositioningModel, HeldOut]:
-    """A model of levels and networks, and the images that no level learned from: of group 0."""
-    reach, delta_p = data.ranges(), data.delta_p()
-    p = delta_p / reach
-    rng = np.random.default_rng([seed, len(data)])
-    plan_rungs(p)  # or say that there are too few images, before they are put into groups
-    if groups is None:
-        independence = independent_groups(data, _N_GROUPS)
-        groups = None if independence.kind == "independent" else independence.labels
-    levels, held_out = learn_levels(data.images, p, data.reference_image, rng, groups=groups)
-    tell(1)
-    is_kept = np.zeros(len(p), dtype=bool)
-    is_kept[held_out.kept] = True
-    outer = is_kept & (np.abs(p).max(axis=1) > _OUTER)
-    networks = PoseNetworks.train(
-        data.images[outer],
-        delta_p[outer],
-        reach,
-        disturbances=Disturbances(),
-        seed=seed,
-        n_jobs=n_jobs,
-    )
-    tell(2)
-    model = PositioningModel(
-        networks, levels, data.reference_image, data.pivot, reach, dict(data.source)
-    )
-    model.accuracy.update(_measure(model, held_out))
-    return model, held_out
-
-
-def check_observable(error_shares: Mapping[str, float]) -> None:
-    """Say which dofs a model cannot predict, or refuse one that is of no use.
-
-    Parameters
-    ----------
-    error_shares : mapping of str to float
-        By dof: RMS error of images held out, as a share of that of their mean.
-
-    Raises
-    ------
-    DataSetError
-        If most dofs are predicted no better than by the mean.
-
-    Warns
-    -----
-    ServoscopeWarning
-        If some are.
-    """
-    unobservable = [dof for dof, share in error_shares.items() if not share < LEAST_GAIN]
-    if not unobservable:
-        return
-    shown = ", ".join(f"{dof} {error_shares[dof]:.2f}" for dof in unobservable)
-    found = (
-        f"Images held out are predicted hardly better than by their mean in {shown} (error as a "
-        f"share of the mean's, at most {LEAST_GAIN:g})"
-    )
-    advice = "see that every image belongs to its pose, none late, and that it shows the part"
-    if 2 * len(unobservable) > len(error_shares):
-        raise DataSetError(f"{found}; no robot may be moved by that: {advice}.")
-    warnings.warn(
-        f"{found}; the robot will not be positioned in these dofs: {advice}.",
-        ServoscopeWarning,
-        stacklevel=3,
-    )
-
-
-def _measure(model: PositioningModel, held_out: HeldOut) -> dict[str, Any]:
-    """Median absolute error of one look, in mm and degrees, by how far away the camera is."""
-    size = np.abs(held_out.p).max(axis=1)
-    outer = np.flatnonzero(size > _OUTER)
-    outer = outer if len(outer) >= _LEAST_OUTER else np.arange(len(size))
-    errors = _errors(model, held_out.images[outer], held_out.p[outer])
-    truth = held_out.p[outer] * model.reach * DISPLAY_FACTORS
-    rms, shares = np.sqrt(np.mean(errors**2, axis=0)), error_shares(errors, truth)
-    rings = []
-    for level in model.levels:
-        near = np.flatnonzero((size <= level.radius) & (size > level.radius / 2))[:_MOST_CHECKED]
-        if not near.size:
-            continue
-        ring: dict[str, Any] = {
-            "mm": 1e3 * level.radius * float(model.reach[:3].max()),
-            "deg": float(np.degrees(level.radius * model.reach[3:].max())),
-            "n_images": int(near.size),
-        }
-        for kind, images in (("clean", held_out.images), ("disturbed", held_out.disturbed)):
-            errors = _errors(model, images[near], held_out.p[near])
-            ring[kind] = dict(zip(DOFS, np.median(errors, axis=0).tolist(), strict=True))
-        rings.append(ring)
-    return {
-        "rms": dict(zip(DOFS, rms.tolist(), strict=True)),
-        "held_out": {"images": len(outer)},
-        "rings": rings,
-        "error_shares": dict(zip(DOFS, shares.tolist(), strict=True)),
-        "networks": model.networks.report(),
-    }
-
-
-def _errors(model: PositioningModel, images: NDArray[np.uint8], p: Array) -> Array:
-    """Absolute errors of first looks, (n, 6), [mm] and [deg]."""
-    said = np.stack([model.estimate(image).displacement for image in images])
-    delta_p = displacements_from_poses(np.eye(4), said, model.pivot)
-    return np.abs(delta_p - p * model.reach) * DISPLAY_FACTORS

@@ -43,7 +43,7 @@ class Rehearsal:
     Parameters
     ----------
     model : KeyframeModel
-        Learned levels hold no view to render: see `as_keyframe_model`.
+        Features hold no view to render: see `as_keyframe_model`.
     starts : int
         Under each condition.
     seed : int
@@ -191,7 +191,7 @@ def as_keyframe_model(model: Any, where: str) -> KeyframeModel:
     if isinstance(model, KeyframeModel):
         return model
     raise InvalidInputError(
-        f"Views are rendered from a keyframe, but {where} is a model of levels, which has none; "
+        f"Views are rendered from a keyframe, but {where} is a model of features, which has none; "
         "make one of 20 to 60 images of the range: servoscope train DATASET --method keyframe."
     )
 

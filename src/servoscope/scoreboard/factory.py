@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from functools import cached_property, partial
 from pathlib import Path
+from typing import Any
 
 from servoscope import __version__
 from servoscope.acquisition import AcquisitionConfig, acquire
 from servoscope.data.images import PoseImageSet
 from servoscope.poses import DOFS
-from servoscope.positioning import Estimator
+from servoscope.positioning import Estimator, PositioningModel
 from servoscope.processes import one_blas_thread
 from servoscope.progress import ProgressBar
-from servoscope.scoreboard.learners import LEARNERS
-from servoscope.scoreboard.methods import make_photometric
+from servoscope.scoreboard.methods import LEARNERS, make_photometric
 from servoscope.scoreboard.plan import Plan
 from servoscope.scoreboard.stages import Stages
+
+_DATA_SET = ("meta.json", "images.zarr")
 
 
 class Factory:
@@ -56,13 +58,15 @@ class Factory:
 
     def prepare(self) -> None:
         """Take the images and train, as far as that is not done."""
-        inputs = {"images": self._config.plan(), "servoscope": __version__}
-        whole = [f"dataset/{self.name}/{part}" for part in ("meta.json", "images.zarr")]
-        self.folder.run_stage(f"images_{self.name}", inputs, self._take_images, whole)
         for method in LEARNERS if self.dofs == DOFS else ("ours",):
-            stage, model = f"train_{self.name}_{method}", self._model(method)
+            inputs = {"images": self._config(method).plan(), "servoscope": __version__}
+            name, data, model = f"{self.name}_{method}", self._data_set(method), self._model(method)
+            whole = [str((data / part).relative_to(self.folder.path)) for part in _DATA_SET]
+            self.folder.run_stage(
+                f"images_{name}", inputs, partial(self._take_images, method), whole
+            )
             made = [str(model.relative_to(self.folder.path))]
-            self.folder.run_stage(stage, inputs, partial(self._train, method), made)
+            self.folder.run_stage(f"train_{name}", inputs, partial(self._train, method), made)
 
     def estimator(self, method: str, depth_factor: float) -> Estimator:
         """The estimator of a method, once all is prepared.
@@ -71,41 +75,39 @@ class Factory:
         ----------
         method : str
         depth_factor : float
-            What photometric servoing is told of the depth, relative to the truth.
+            The depth that photometric servoing is given, relative to the truth.
         """
-        if method in LEARNERS:
-            return self._learned(method)
-        with one_blas_thread():
-            return make_photometric(self.scene, self._images, self._config, depth_factor)
-
-    def _learned(self, method: str) -> Estimator:
+        if method not in LEARNERS:
+            with one_blas_thread():
+                config = self._config("ours")
+                return make_photometric(self.scene, self._images, config, depth_factor)
         if method not in self._loaded:
-            self._loaded[method] = LEARNERS[method].load(self._model(method))
+            self._loaded[method] = PositioningModel.load(self._model(method))
         return self._loaded[method]
-
-    @property
-    def _config(self) -> AcquisitionConfig:
-        return self.plan.acquisition(self.scene, self.robot, self.dofs)
 
     @cached_property
     def _images(self) -> PoseImageSet:
-        return PoseImageSet.load(self._data_set)
+        return PoseImageSet.load(self._data_set("ours"))
 
-    @property
-    def _data_set(self) -> Path:
-        return self.folder.path / "dataset" / self.name
+    def _config(self, method: str) -> AcquisitionConfig:
+        return self.plan.acquisition(self.scene, self.robot, method, self.dofs)
+
+    def _data_set(self, method: str) -> Path:
+        return self.folder.path / "dataset" / f"{self.name}_{method}"
 
     def _model(self, method: str) -> Path:
         return self.folder.path / "models" / f"{self.name}_{method}"
 
-    def _take_images(self) -> None:
-        self._data_set.parent.mkdir(exist_ok=True)
-        with self.progress(f"{self.name}, images", self._config.total()) as advance:
-            acquire(self._data_set, self._config, n_jobs=self.n_jobs, on_progress=advance)
+    def _take_images(self, method: str) -> None:
+        config, folder = self._config(method), self._data_set(method)
+        folder.parent.mkdir(exist_ok=True)
+        with self.progress(f"{folder.name}, images", config.total()) as advance:
+            acquire(folder, config, n_jobs=self.n_jobs, on_progress=advance)
 
     def _train(self, method: str) -> None:
-        options = {"seed": self.plan.seed, "n_jobs": self.n_jobs}
-        with self.progress(f"{self.name}, training {method}", None) as advance:
-            model = LEARNERS[method].train(self._images, on_progress=advance, **options)
-        self._model(method).parent.mkdir(exist_ok=True)
-        LEARNERS[method].save(model, self._model(method))
+        options: dict[str, Any] = {"seed": self.plan.seed, "n_jobs": self.n_jobs}
+        data, folder = PoseImageSet.load(self._data_set(method)), self._model(method)
+        with self.progress(f"{folder.name}, training", None) as advance:
+            model = LEARNERS[method](data, on_progress=advance, **options)
+        folder.parent.mkdir(exist_ok=True)
+        model.save(folder, force=True)

@@ -5,6 +5,7 @@ Each has its own settings in the one loop.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -15,13 +16,28 @@ from servoscope.acquisition import AcquisitionConfig
 from servoscope.data.images import PoseImageSet
 from servoscope.poses import inverse_transform
 from servoscope.positioning import Estimate, Estimator, LoopSettings
+from servoscope.positioning.feature_model import FeatureModel
+from servoscope.positioning.model import PositioningModel
 from servoscope.positioning.photometric import PhotometricEstimate, PhotometricServoing
+from servoscope.positioning.training import train
 from servoscope.robots.free_camera import Repeatability
 from servoscope.scene.render import render_depth
 from servoscope.scoreboard.cell import robot_at_reference
-from servoscope.scoreboard.learners import LEARNERS
 
 Array = NDArray[np.float64]
+
+
+def train_networks(data: PoseImageSet, **options: Any) -> FeatureModel:
+    """The paper's networks on its geometric moments, looked at again after every move."""
+    return FeatureModel.train(
+        data, families=("moments",), regressor="levenberg_marquardt", **options
+    )
+
+
+LEARNERS: dict[str, Callable[..., PositioningModel]] = {"ours": train, "networks": train_networks}
+"""What makes a model of a `PoseImageSet`, by method; takes ``seed``, ``n_jobs`` and ``on_progress``
+by name."""
+
 METHODS = (*LEARNERS, "photometric")
 
 MOST_MOVES = 12

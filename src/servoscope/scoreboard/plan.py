@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from servoscope.acquisition import AcquisitionConfig
-from servoscope.data.schedule import RECOMMENDED, Schedule, parse_schedule
+from servoscope.data.schedule import parse_schedule
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DOFS
 from servoscope.scoreboard.conditions import CONDITIONS
 from servoscope.scoreboard.methods import METHODS
 
 QUICK_CONDITIONS = ("range_1.0", "gain_0.8", "covered_10", "noise_10")
-SUBSET_SCHEDULE = parse_schedule("40@1.6")
-"""What a robot that has not all six dofs learns from."""
+SCHEDULES = {"ours": "40@1.6", "networks": "1000@1.6"}
+"""The images that each method learns from."""
 
-QUICK_SCHEDULE = parse_schedule("500@1.6,300@1.0,200@0.4,150@0.12,150@0.04")
+QUICK_SCHEDULES = {"ours": "40@1.6", "networks": "400@1.6"}
 
 STARTS, QUICK_STARTS = 100, 10
 
@@ -40,8 +41,8 @@ class Plan:
         Starts of each method under each condition; the baseline has no more than fit in the time.
     image_size : int
         Height and width, [px].
-    schedule : sequence of (n_images, factor), optional
-        Rings of images to learn from, instead of those that are meant.
+    schedules : dict of str, optional
+        The images that each method learns from, instead of `SCHEDULES`, see `parse_schedule`.
     conditions : sequence of str, optional
         Names of `CONDITIONS`, instead of those that are meant.
 
@@ -60,22 +61,24 @@ class Plan:
     seed: int = 0
     starts: int | None = None
     image_size: int = 256
-    schedule: Schedule = ()
+    schedules: Mapping[str, str] = field(default_factory=dict)
     conditions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.n_starts, int) or self.n_starts < 1:
             raise InvalidInputError(f"starts must be a whole number from 1, got {self.starts!r}.")
-        if not self.schedule:
-            object.__setattr__(self, "schedule", QUICK_SCHEDULE if self.quick else RECOMMENDED)
+        if not self.schedules:
+            meant = QUICK_SCHEDULES if self.quick else SCHEDULES
+            object.__setattr__(self, "schedules", dict(meant))
         if not self.conditions:
-            meant = QUICK_CONDITIONS if self.quick else tuple(CONDITIONS)
-            object.__setattr__(self, "conditions", meant)
+            conditions = QUICK_CONDITIONS if self.quick else tuple(CONDITIONS)
+            object.__setattr__(self, "conditions", conditions)
         if unknown := sorted(set(self.conditions) - set(CONDITIONS)):
             raise InvalidInputError(
                 f"A condition is one of {', '.join(CONDITIONS)}, got {unknown[0]!r}."
             )
-        self.acquisition("textured_plane", "free")
+        for method in self.schedules:
+            self.acquisition("textured_plane", "free", method)
 
     @property
     def n_starts(self) -> int:
@@ -85,13 +88,13 @@ class Plan:
         return self.starts
 
     def acquisition(
-        self, scene: str, robot: str, dofs: tuple[str, ...] = DOFS
+        self, scene: str, robot: str, method: str, dofs: tuple[str, ...] = DOFS
     ) -> AcquisitionConfig:
-        """The images that methods learn from."""
+        """The images that a method learns from."""
         return AcquisitionConfig(
             image_size=self.image_size,
             seed=self.seed,
-            schedule=self.schedule if dofs == DOFS else SUBSET_SCHEDULE,
+            schedule=parse_schedule(self.schedules[method]),
             part=scene,
             robot=robot,
             dofs=dofs,

@@ -146,7 +146,7 @@ class Scoreboard:
             "starts": self.plan.n_starts,
             "quick": self.plan.quick,
             "image_size": self.plan.image_size,
-            "schedule": [list(ring) for ring in self.plan.schedule],
+            "schedules": dict(self.plan.schedules),
             "machine": {"cores": os.cpu_count(), "python": platform.python_version()},
             "timings_s": self.folder.timings(),
             "targets": [target.to_dict() for target in targets],

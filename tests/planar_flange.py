@@ -1,6 +1,4 @@
-"""Models trained on rings of images of the textured plane, with the camera on an unknown mount."""
-
-from functools import cache
+"""Images of the textured plane, and a robot that carries the camera on an unknown mount."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,20 +12,17 @@ from servoscope.poses import (
     poses_from_displacements,
     rigid_transform,
 )
-from servoscope.positioning.model import PositioningModel
-from servoscope.positioning.training import train
 
-RINGS = ((300, 1.0), (200, 0.2), (200, 0.03))
-FLANGE_RANGES = 0.6 * RANGES
+RINGS = ((40, 1.0),)
 
 T_FLANGE_CAM = rigid_transform(
     Rotation.from_euler("xyz", [7, -9, 30], degrees=True).as_matrix(), [0.06, -0.02, 0.04]
 )
-"""Where the camera sits: turned, tilted and off to a side. No model is ever told."""
+"""Where the camera sits: turned, tilted and off to a side. No model is given it."""
 
 
 class FlangeCell(Cell):
-    """A cell whose robot tells and moves the pose of its flange."""
+    """A cell whose robot reports and moves the pose of its flange."""
 
     T_WORLD_REF = T_WORLD_REF @ inverse_transform(T_FLANGE_CAM)
 
@@ -61,28 +56,3 @@ def camera_data(rings=RINGS) -> PoseImageSet:
         pivot_ranges=RANGES,
         source={"part": "plane"},
     )
-
-
-def flange_data() -> PoseImageSet:
-    """Images with the poses of the flange."""
-    cells = [FlangeCell(p * FLANGE_RANGES) for p in ring_displacements()]
-    return PoseImageSet(
-        np.stack([cell.read() for cell in cells]),
-        np.stack([cell.pose for cell in cells]),
-        FlangeCell.T_WORLD_REF,
-        FlangeCell(np.zeros(6)).read(),
-        pivot=PIVOT,
-        pivot_ranges=FLANGE_RANGES,
-    )
-
-
-@cache
-def camera_model() -> PositioningModel:
-    """Trained with the poses of the camera."""
-    return train(camera_data(), method="levels", n_jobs=1)
-
-
-@cache
-def flange_model() -> PositioningModel:
-    """Trained with the poses of the flange."""
-    return train(flange_data(), method="levels", n_jobs=1)
