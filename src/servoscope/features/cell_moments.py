@@ -9,16 +9,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.errors import InvalidInputError
 from servoscope.features.cells import (
     N_DIRECTIONS,
     cell_names,
-    check_n_cells,
     orientation_cells,
     pool_in_cells,
     shrink,
 )
-from servoscope.features.image_transformer import ImageShape, ImageTransformer
+from servoscope.features.image_transformer import ImageShape, ImageTransformer, check_whole_number
 
 Floats = NDArray[np.float32]
 
@@ -30,10 +28,15 @@ class CellMoments(ImageTransformer):
     and names them in `layer_names`.
     """
 
-    n_cells: int
-    size: int
     n_rows_: int
     n_columns_: int
+
+    def __init__(
+        self, n_cells: int = 6, size: int = 128, image_shape: ImageShape | None = None
+    ) -> None:
+        self.n_cells = n_cells
+        self.size = size
+        self.image_shape = image_shape
 
     @abstractmethod
     def _cells(self, image: NDArray[Any]) -> Floats:
@@ -44,9 +47,8 @@ class CellMoments(ImageTransformer):
         """Names of the layers, with which those of the features begin."""
 
     def _check_parameters(self) -> None:
-        check_n_cells(self.n_cells)
-        if not isinstance(self.size, int | np.integer) or self.size < 1:
-            raise InvalidInputError(f"size must be a whole number from 1, got {self.size!r}.")
+        check_whole_number("n_cells", self.n_cells, 1)
+        check_whole_number("size", self.size, 1)
 
     def _learn(self, flat: NDArray[Any], targets: Any) -> None:
         blank = np.zeros(self.image_shape_, np.uint8)
@@ -118,13 +120,6 @@ class GradientMoments(CellMoments):
     array(['o000_0_0', 'o000_0_1', 'o315_1_1'], dtype=object)
     """
 
-    def __init__(
-        self, n_cells: int = 6, size: int = 128, image_shape: ImageShape | None = None
-    ) -> None:
-        self.n_cells = n_cells
-        self.size = size
-        self.image_shape = image_shape
-
     def _cells(self, image: NDArray[Any]) -> Floats:
         return orientation_cells(image, self.size, self.n_cells)
 
@@ -189,13 +184,6 @@ class IntensityMoments(CellMoments):
     >>> moments.get_feature_names_out()[[0, 1, 23]]
     array(['i010_0_0', 'i010_0_1', 'i110_1_1'], dtype=object)
     """
-
-    def __init__(
-        self, n_cells: int = 6, size: int = 128, image_shape: ImageShape | None = None
-    ) -> None:
-        self.n_cells = n_cells
-        self.size = size
-        self.image_shape = image_shape
 
     def _cells(self, image: NDArray[Any]) -> Floats:
         return intensity_cells(image, self.size, self.n_cells)

@@ -9,8 +9,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.errors import InvalidInputError
-
 Floats = NDArray[np.float32]
 
 
@@ -52,12 +50,6 @@ def pool_in_cells(layers: Floats, n_cells: int) -> Floats:
     """
     rows, columns = _weights(layers.shape[-2], n_cells), _weights(layers.shape[-1], n_cells)
     return np.asarray(rows @ layers @ columns.T, dtype=np.float32)
-
-
-def check_n_cells(n_cells: int) -> None:
-    """Raise `InvalidInputError` unless `n_cells` is a whole number from 1."""
-    if not isinstance(n_cells, int | np.integer) or n_cells < 1:
-        raise InvalidInputError(f"n_cells must be a whole number from 1, got {n_cells!r}.")
 
 
 def cell_names(layers: list[str], n_rows: int, n_columns: int) -> list[str]:

@@ -11,7 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
 
 from servoscope.errors import InvalidInputError
-from servoscope.features.image_transformer import ImageShape, check_finite, flatten_images
+from servoscope.features.image_transformer import (
+    ImageShape,
+    check_finite,
+    check_whole_number,
+    flatten_images,
+)
 from servoscope.features.linear_projection import LearnedProjection
 from servoscope.features.normalised_images import (
     extremes_made_positive,
@@ -63,7 +68,7 @@ class ImageBasis:
         InvalidInputError
             If there are not so many.
         """
-        check_n_components(n_components)
+        check_whole_number("n_components", n_components, 1)
         if n_components > len(self):
             raise InvalidInputError(
                 f"n_components is {n_components}, but the basis has {len(self)} eigenvectors; "
@@ -117,7 +122,7 @@ def compute_image_basis(
     >>> basis.components.shape, basis.leading(2).eigenvalues.shape
     ((3, 64), (2,))
     """
-    check_n_components(n_components)
+    check_whole_number("n_components", n_components, 1)
     flat, image_shape = flatten_images(images, image_shape)
     flat = np.asarray(flat)
     check_finite(flat)
@@ -152,14 +157,6 @@ def fitted_basis(
             )
         )
     return basis.leading(n_components)
-
-
-def check_n_components(n_components: int) -> None:
-    """Raise `InvalidInputError` unless `n_components` is a whole number from 1."""
-    if not isinstance(n_components, int | np.integer) or n_components < 1:
-        raise InvalidInputError(
-            f"n_components must be a whole number from 1, got {n_components!r}."
-        )
 
 
 def _leading_eigenpairs(

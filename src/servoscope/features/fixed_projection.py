@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import InvalidInputError
-from servoscope.features.image_transformer import ImageShape
+from servoscope.features.image_transformer import ImageShape, check_whole_number
 from servoscope.features.linear_projection import FixedProjection
 from servoscope.features.normalised_images import brightness_gains, working_dtype
 from servoscope.processes import one_blas_thread
@@ -329,9 +329,3 @@ def _log_polar(
     # The pixel at the very centre, if there is one, is left out by any inner radius.
     log_radius = np.log(np.where(radius > 0, radius, inner_radius / 2))
     return np.arctan2(y, x), log_radius / np.log(1 / inner_radius)
-
-
-def check_whole_number(name: str, value: Any, least: int) -> None:
-    """Raise `InvalidInputError` unless a parameter is a whole number from `least`."""
-    if not isinstance(value, int | np.integer) or value < least:
-        raise InvalidInputError(f"{name} must be a whole number from {least}, got {value!r}.")

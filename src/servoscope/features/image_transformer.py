@@ -298,3 +298,9 @@ def target_names(n_targets: int) -> list[str]:
     ('tx', ['0', '1'])
     """
     return list(DOFS) if n_targets == len(DOFS) else [str(i) for i in range(n_targets)]
+
+
+def check_whole_number(name: str, value: Any, least: int) -> None:
+    """Raise `InvalidInputError` unless a parameter is a whole number from `least`."""
+    if not isinstance(value, int | np.integer) or value < least:
+        raise InvalidInputError(f"{name} must be a whole number from {least}, got {value!r}.")

@@ -11,7 +11,12 @@ from sklearn.utils.validation import check_is_fitted
 
 from servoscope.errors import InvalidInputError
 from servoscope.features.eigenfeatures import ImageBasis, fitted_basis
-from servoscope.features.image_transformer import ImageShape, ImageTransformer, target_names
+from servoscope.features.image_transformer import (
+    ImageShape,
+    ImageTransformer,
+    check_whole_number,
+    target_names,
+)
 from servoscope.features.linear_projection import LearnedProjection
 from servoscope.features.normalised_images import project_images
 from servoscope.processes import one_blas_thread
@@ -105,10 +110,7 @@ class LocalFeatureAnalysis(ImageTransformer):
         self.basis = basis
 
     def _check_parameters(self) -> None:
-        if not isinstance(self.n_per_dof, int | np.integer) or self.n_per_dof < 1:
-            raise InvalidInputError(
-                f"n_per_dof must be a whole number from 1, got {self.n_per_dof!r}."
-            )
+        check_whole_number("n_per_dof", self.n_per_dof, 1)
 
     def _learn(self, flat: NDArray[Any], targets: Array) -> None:
         self.basis_ = fitted_basis(flat, self.n_components, self.image_shape_, self.basis)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from servoscope.errors import InvalidInputError
-from servoscope.features.eigenfeatures import check_n_components
-from servoscope.features.image_transformer import ImageShape, target_names
+from servoscope.features.image_transformer import ImageShape, check_whole_number, target_names
 from servoscope.features.linear_projection import LearnedProjection
 from servoscope.features.normalised_images import (
     extremes_made_positive,
@@ -160,7 +159,7 @@ class PoseLeastSquares(LearnedProjection):
         self.image_shape = image_shape
 
     def _check_parameters(self) -> None:
-        check_n_components(self.n_components)
+        check_whole_number("n_components", self.n_components, 1)
 
     def _learn(self, flat: NDArray[Any], targets: Array) -> None:
         targets = _unit_columns(centred_targets(_unit_columns(targets), self.products))

@@ -14,9 +14,8 @@ from sklearn.utils.validation import check_is_fitted
 
 from servoscope.errors import InvalidInputError
 from servoscope.features.cell_moments import GradientMoments, IntensityMoments, intensity_cells
-from servoscope.features.cells import cell_names, check_n_cells, pool_in_cells
-from servoscope.features.eigenfeatures import check_n_components
-from servoscope.features.image_transformer import ImageShape, ImageTransformer
+from servoscope.features.cells import cell_names, pool_in_cells
+from servoscope.features.image_transformer import ImageShape, ImageTransformer, check_whole_number
 from servoscope.processes import one_blas_thread
 
 Array = NDArray[np.float64]
@@ -283,7 +282,7 @@ class RobustMoments(ImageTransformer):
         self.image_shape = image_shape
 
     def _check_parameters(self) -> None:
-        check_n_cells(self.n_cells)
+        check_whole_number("n_cells", self.n_cells, 1)
 
     def _learn(self, flat: NDArray[Any], targets: Any) -> None:
         images = flat.reshape(-1, *self.image_shape_)
@@ -353,7 +352,7 @@ class RobustMoments(ImageTransformer):
     def _checked_n_components(self, n_images: int) -> int:
         if self.n_components is None:
             return max(n_images // 3, 1)
-        check_n_components(self.n_components)
+        check_whole_number("n_components", self.n_components, 1)
         if self.n_components >= n_images:
             raise InvalidInputError(
                 f"{self.n_components} eigenvectors need at least {self.n_components + 1} images, "
