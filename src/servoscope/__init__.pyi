@@ -39,7 +39,6 @@ from .regression import GaussianKernelRidge as GaussianKernelRidge
 from .regression import GaussianProcess as GaussianProcess
 from .regression import LBFGSRegressor as LBFGSRegressor
 from .regression import LMRegressor as LMRegressor
-from .regression import PoseRegressor as PoseRegressor
 from .robots.recorded import RecordedRobot as RecordedRobot
 from .selection import Forecast as Forecast
 from .selection import LearningCurve as LearningCurve

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from servoscope.regression import PoseRegressor
 from servoscope.regression.registry import REGRESSORS
 
 NAMES = sorted(REGRESSORS)
@@ -90,16 +89,6 @@ def test_validation_by_shots_of_trained_poses_shows_nothing(name):
     rms = np.sqrt(np.mean((mean - truth(NEW)) ** 2))
     assert rms < 1.5 * error(make(name), X[first], y[first]) + 0.02
     assert rms < 3 * np.median(deviation) + 0.005
-
-
-def test_all_dofs_together_say_what_a_pose_is():
-    """Of a grid, one dof is the same at many poses, and features that follow it hardly differ."""
-    grid = np.stack(np.meshgrid(np.linspace(-1, 1, 15), np.linspace(-1, 1, 15)), -1).reshape(-1, 2)
-    X = grid[:, :1] + 0.05 * grid[:, 1:] * [1, -1]
-    model = PoseRegressor(regressor="kernel_ridge", dofs=("tx", "ty")).fit(X, grid)
-    assert len(model.regressors_["tx"].posterior_.y) == 225
-    model.fit(np.repeat(X, 3, axis=0), np.repeat(grid, 3, axis=0))
-    assert len(model.regressors_["tx"].posterior_.y) == 225
 
 
 def test_poses_may_be_named():

@@ -79,36 +79,12 @@ N_DIRECTIONS = 8
 _BLUR = 0.8
 
 
-def normalised_slopes(image: NDArray[Any], size: int) -> Floats:
-    """Slopes of an image made small, over their magnitude and twice its mean.
-
-    Neither gain nor offset change them, and something that covers the view or shines changes only
-    those beside it, but for the mean.
-
-    Parameters
-    ----------
-    image : ndarray of shape (height, width)
-    size : int
-        Pixels along the longer side of what the slopes are taken of.
-
-    Returns
-    -------
-    ndarray of shape (2, rows, columns), float32
-        Along x and along y; 0 throughout an image without anything in it.
-    """
-    small = cv2.GaussianBlur(shrink(image, size), (0, 0), _BLUR)
-    slopes = np.empty((2, *small.shape), np.float32)
-    slopes[0], slopes[1] = cv2.Sobel(small, -1, 1, 0), cv2.Sobel(small, -1, 0, 1)
-    magnitude = np.hypot(slopes[0], slopes[1])
-    return divided(slopes, magnitude, 2 * magnitude.mean())
-
-
 def orientation_cells(image: NDArray[Any], size: int, n_cells: int) -> Floats:
     """How much slope there is in each of 8 directions about each cell of an image.
 
-    Each of the `normalised_slopes` counts for the directions within 90 degrees of its own by the
-    squared cosine, and for cells by a Gaussian. What comes back is the square root of each share
-    in the whole, so that all of them together have unit length.
+    Each slope, over its magnitude and twice the mean one, counts for the directions within 90
+    degrees of its own by the squared cosine, and for cells by a Gaussian. What comes back is the
+    square root of each share in the whole, so that all of them together have unit length.
 
     Parameters
     ----------
@@ -129,7 +105,7 @@ def orientation_cells(image: NDArray[Any], size: int, n_cells: int) -> Floats:
     >>> orientation_cells(ramp, size=64, n_cells=3).sum(axis=(1, 2)).argmax()
     np.int64(0)
     """
-    slopes = normalised_slopes(image, size)
+    slopes = _normalised_slopes(image, size)
     magnitude = np.maximum(np.hypot(slopes[0], slopes[1]), np.float32(1e-6))
     angles = 2 * np.pi * np.arange(N_DIRECTIONS, dtype=np.float32) / N_DIRECTIONS
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -139,7 +115,15 @@ def orientation_cells(image: NDArray[Any], size: int, n_cells: int) -> Floats:
     return np.sqrt(pooled / total) if total > 0 else pooled
 
 
-def divided(values: Floats, scale: Floats, floor: np.floating) -> Floats:
-    """Values over their scale and a floor; 0 where both are."""
-    whole = np.broadcast_to(scale + np.float32(floor), values.shape)
-    return np.divide(values, whole, out=np.zeros_like(values), where=whole > 0)
+def _normalised_slopes(image: NDArray[Any], size: int) -> Floats:
+    """Slopes of an image made small, over their magnitude and twice its mean, (2, rows, columns).
+
+    Neither gain nor offset change them, and something that covers the view or shines changes only
+    those beside it, but for the mean. They are 0 throughout an image without anything in it.
+    """
+    small = cv2.GaussianBlur(shrink(image, size), (0, 0), _BLUR)
+    slopes = np.empty((2, *small.shape), np.float32)
+    slopes[0], slopes[1] = cv2.Sobel(small, -1, 1, 0), cv2.Sobel(small, -1, 0, 1)
+    magnitude = np.hypot(slopes[0], slopes[1])
+    scale = np.broadcast_to(magnitude + np.float32(2 * magnitude.mean()), slopes.shape)
+    return np.divide(slopes, scale, out=np.zeros_like(slopes), where=scale > 0)

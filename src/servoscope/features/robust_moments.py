@@ -330,7 +330,7 @@ class RobustMoments(ImageTransformer):
             If some are missing.
         """
         height, width, n_cells, n_fine_cells, size = map(int, np.asarray(arrays["settings"]))
-        check_n_cells(n_cells)
+        check_whole_number("n_cells", n_cells, 1)
         features = cls(n_cells=n_cells, n_fine_cells=n_fine_cells, size=size)
         black = np.zeros((2, height, width), np.uint8)
         flat = features._images_to_fit(black)

@@ -5,5 +5,4 @@ from .levenberg_marquardt import LMSettings as LMSettings
 from .network_regressors import BayesianLMRegressor as BayesianLMRegressor
 from .network_regressors import LBFGSRegressor as LBFGSRegressor
 from .network_regressors import LMRegressor as LMRegressor
-from .per_dof import PoseRegressor as PoseRegressor
 from .registry import REGRESSORS as REGRESSORS

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
-from numpy.typing import ArrayLike
 from sklearn.base import clone
 
 from servoscope.errors import InvalidInputError
@@ -55,42 +53,10 @@ def make_regressor(regressor: Any) -> Any:
     >>> make_regressor("kernel_ridge")
     GaussianKernelRidge()
     """
-    return _class_of(regressor)() if isinstance(regressor, str) else clone(regressor)
-
-
-def regressor_as_arrays(regressor: Any) -> dict[str, Any]:
-    """A fitted regressor as plain arrays, with its name among them.
-
-    Raises
-    ------
-    InvalidInputError
-        If it is not one of `REGRESSORS`.
-    """
-    for name, kind in REGRESSORS.built_in.items():
-        if type(regressor) is kind:
-            return {"regressor": name, **regressor.to_arrays()}
-    raise InvalidInputError(
-        f"A regressor that is kept as arrays must be one of {', '.join(REGRESSORS)}, "
-        f"got {type(regressor).__name__}."
-    )
-
-
-def regressor_from_arrays(arrays: Mapping[str, ArrayLike]) -> Any:
-    """The regressor that `regressor_as_arrays` was called on.
-
-    Arrays without a name are of the paper's, from when there was no other.
-
-    Raises
-    ------
-    InvalidInputError
-        If there is no regressor of that name, or arrays are missing or do not belong together.
-    """
-    return _class_of(str(arrays.get("regressor", "levenberg_marquardt"))).from_arrays(arrays)
-
-
-def _class_of(name: str) -> Any:
-    if name not in REGRESSORS:
+    if not isinstance(regressor, str):
+        return clone(regressor)
+    if regressor not in REGRESSORS:
         raise InvalidInputError(
-            f"There is no regressor named {name!r}; there are {', '.join(REGRESSORS)}."
+            f"There is no regressor named {regressor!r}; there are {', '.join(REGRESSORS)}."
         )
-    return REGRESSORS[name]
+    return REGRESSORS[regressor]()
