@@ -1,4 +1,4 @@
-"""Acquisition by robots that tell another frame than the camera's and cannot go everywhere."""
+"""Acquisition by robots that report another frame than the camera's and cannot go everywhere."""
 
 from pathlib import Path
 
@@ -24,7 +24,7 @@ ENCODER = rigid_transform(np.eye(3), [0.0, 0.0, 1e-4])
 
 
 class Crane:
-    """Tells the pose of its hook, 0.1 mm off from where it was sent; cannot go to negative rz."""
+    """Reports the pose of its hook, 0.1 mm off from where it was sent; cannot go to negative rz."""
 
     def __init__(self, scene, T_world_cam, repeatability, rng):
         self.camera = FreeCamera(scene, T_world_cam, repeatability, rng)
@@ -71,7 +71,9 @@ def test_poses_out_of_reach_are_drawn_anew_in_their_ring(
     np.testing.assert_allclose(data.T_world_cam[kept], asked, atol=1e-12)
 
 
-def test_the_told_frame_is_the_one_that_is_stored(tmp_path: Path, crane: AcquisitionConfig) -> None:
+def test_the_reported_frame_is_the_one_that_is_stored(
+    tmp_path: Path, crane: AcquisitionConfig
+) -> None:
     data = acquire(tmp_path, crane, n_jobs=1)
     np.testing.assert_allclose(data.T_world_ref @ MOUNT, T_WORLD_REF, atol=1e-12)
     assert data.pivot == pytest.approx(0.60)  # 550 mm before a camera 50 mm ahead of the hook
@@ -93,7 +95,7 @@ def test_an_interrupted_acquisition_ends_with_the_same_poses_and_count(
     assert parts.source == whole.source
 
 
-def test_a_robot_that_can_go_nowhere_is_told(
+def test_a_robot_that_can_go_nowhere_is_reported(
     tmp_path: Path, crane: AcquisitionConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object) -> None:
@@ -125,7 +127,7 @@ def by_arm(tmp_path_factory: pytest.TempPathFactory) -> PoseImageSet:
     return acquire(tmp_path_factory.mktemp("arm"), ARM, n_jobs=1)
 
 
-def test_the_arms_poses_are_those_that_it_tells(by_arm: PoseImageSet) -> None:
+def test_the_arms_poses_are_those_that_it_reports(by_arm: PoseImageSet) -> None:
     first, last = 0, len(by_arm) - 1
     for i in (first, last):
         robot = make_robot("arm", ARM.scene(), ARM.repeatability(), ARM.camera_rng(i))
