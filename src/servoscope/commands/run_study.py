@@ -82,6 +82,6 @@ def _print_study(summary: dict[str, Any]) -> None:
     out = console()
     for unit in list_units(summary):
         out.print(unit.title)
-        out.print(errors_table(unit))
+        out.print(errors_table(unit, is_brief=True))
     for finding in compare_order_of_families(summary):
         out.print(f"The paper: {finding.claim} Here: {finding.verdict}.")

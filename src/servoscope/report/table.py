@@ -104,7 +104,7 @@ class Table:
         """The table as LaTeX, for the package booktabs."""
         align = "".join("l" if self._is_left(k) else "r" for k in range(len(self.columns)))
         lines = [r"\begin{table}", r"\centering"]
-        if words := " ".join(part for part in (self.title, self.caption) if part):
+        if words := ". ".join(part for part in (self.title, self.caption) if part):
             lines.append(rf"\caption{{{_latex(words)}}}")
         lines += [rf"\begin{{tabular}}{{{align}}}", r"\toprule"]
         lines += [" & ".join(map(_latex, self.columns)) + r" \\", r"\midrule"]

@@ -52,7 +52,7 @@ def study_tables(unit: Unit, n_bins: int | None) -> list[Table]:
     return [*tables, stability_table(unit, n_bins)]
 
 
-def errors_table(unit: Unit, name: str = "") -> Table:
+def errors_table(unit: Unit, name: str = "", *, is_brief: bool = False) -> Table:
     """Table I: one row a family, then the selected features, then the mean as only answer.
 
     Parameters
@@ -60,6 +60,8 @@ def errors_table(unit: Unit, name: str = "") -> Table:
     unit : Unit
     name : str
         Of its place on the page; that of the unit by default.
+    is_brief : bool
+        Name the rows by their titles alone, for a terminal.
     """
     results, moving = unit.results, moving_dofs(unit.results)
     families = results["table1"]
@@ -80,7 +82,8 @@ def errors_table(unit: Unit, name: str = "") -> Table:
         mean = mean_rms(results, errors)
         theirs = np.mean([published[dof] for dof in moving]) if published and moving else None
         beside = "" if theirs is None else f"({theirs:.2f})"
-        return [Cell(title), *cells, Cell(f"{mean:.3f}", mean, beside=beside)]
+        shown = Cell(title.split("\n")[0] if is_brief else title)
+        return [shown, *cells, Cell(f"{mean:.3f}", mean, beside=beside)]
 
     rows = [
         row(f"{family.title}\n{family.words}", families[name], TABLE1[name], marked=True)
