@@ -138,7 +138,9 @@ def sample_images(
         raise InvalidInputError(too_few) from None
     test = np.flatnonzero(parts == seed % _N_PARTS)
     learn = np.flatnonzero((parts >= 0) & (parts != seed % _N_PARTS))
-    view = fit_view(data, learn, test, progress)
+    with progress("keyframe", 1) as advance, one_blas_thread():
+        view = fit_view(data, learn, test)
+        advance(1)
     if view is None or not view.explains:
         read = (
             "none can be fitted to them"

@@ -14,7 +14,7 @@ from servoscope.assessment.disturbed import N_CONDITIONS, disturb
 from servoscope.assessment.image_facts import describe_images
 from servoscope.assessment.outcome import Assessment
 from servoscope.assessment.rendered import Sample, sample_images
-from servoscope.assessment.view import ViewFindings, examine_view
+from servoscope.assessment.view import Begun, begin_view, finish_view
 from servoscope.assessment.what_if import crop_centre
 from servoscope.data.images import PoseImageSet
 from servoscope.data.splits import Split
@@ -143,6 +143,7 @@ class _Course:
         images = describe_images(self.sample.real)
         is_hopeless = not (images.change and self.moving)
         tried = ("moments",) if is_hopeless else self.families
+        begun = None if is_hopeless else self._begin_view()  # one process works on it meanwhile
         table = self._table(tried, self.data.images, self.targets, self.groups, "features")
         candidates = self._forecast(table)
         choice, forecasts = self._choose(table, candidates)
@@ -150,6 +151,7 @@ class _Course:
         fitted = self._train(table, [(r, dof) for dof, r in recipes.items()], "training")
         pipeline = self._pipeline(table, fitted, forecasts)
         noise, disturbed = self._disturb(pipeline, images.noise)
+        options: dict[str, Any] = {"n_jobs": self.n_jobs, "progress": self.progress}
         return Assessment(
             self.sample,
             images,
@@ -164,7 +166,9 @@ class _Course:
             disturbed=disturbed,
             without_border=self._without_border(recipes),
             at_random=self._at_random(table, recipes),
-            view=self._view() if images.change and self.moving else None,
+            view=None
+            if begun is None
+            else finish_view(begun, self.sample.real, self.groups, **options),
             regressors=self._regressors(table, recipes, COMPARED),
             regressors_on_moments=self._regressors(
                 table, dict.fromkeys(recipes, Recipe("moments")), tuple(REGRESSORS.built_in)
@@ -260,16 +264,14 @@ class _Course:
                 on_progress=advance,
             )
 
-    def _view(self) -> ViewFindings | None:
-        return examine_view(
+    def _begin_view(self) -> Begun:
+        return begin_view(
             self.sample.real,
             self.sample.real_split.learned,
             self.split.test,
-            self.groups,
             view=self.sample.view,
             seed=self.seed,
             n_jobs=self.n_jobs,
-            progress=self.progress,
         )
 
     def _pipeline(

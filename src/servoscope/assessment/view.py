@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,9 +70,7 @@ class FittedView:
         return bool(self.right.mean() >= LEAST_RIGHT)
 
 
-def fit_view(
-    data: PoseImageSet, learn: Indices, test: Indices, progress: ProgressBar = no_progress
-) -> FittedView | None:
+def fit_view(data: PoseImageSet, learn: Indices, test: Indices) -> FittedView | None:
     """A keyframe of the images learned from, and how it reads the others; None if none fits.
 
     Parameters
@@ -78,17 +78,14 @@ def fit_view(
     data : PoseImageSet
     learn, test : ndarray
         Images that are independent of each other.
-    progress : ProgressBar
     """
     if len(learn) < _LEAST_FITTED or len(test) < _LEAST_READ:
         return None
     fitted, read = evenly_spread(learn, MOST_FITTED), evenly_spread(test, MOST_READ)
-    with progress("keyframe", 1) as advance:
-        try:
-            ((keyframe, readings),) = in_processes(fit_and_read, [(data, fitted, read)], 1)
-        except InvalidInputError:
-            return None
-        advance(1)
+    try:
+        keyframe, readings = fit_and_read(data, fitted, read)
+    except InvalidInputError:
+        return None
     right = read_right(np.abs(readings.errors) * mask_of(data.dofs), data.ranges())
     return FittedView(keyframe, fitted, read, readings, right)
 
@@ -125,14 +122,55 @@ class ViewFindings:
     loop: dict[str, Any]
 
 
-def examine_view(
+@dataclass(frozen=True, eq=False)
+class _Explained:
+    """A view that a keyframe explains, and what it takes to rehearse on it."""
+
+    view: FittedView
+    rehearsal: Rehearsal
+    end: dict[str, Any]
+
+
+Begun = Iterator[tuple["_Explained | None", list[Warning | str]]]
+"""What `begin_view` began."""
+
+
+def begin_view(
     data: PoseImageSet,
     learn: Indices,
     test: Indices,
-    groups: Indices | None = None,
     *,
     view: FittedView | None = None,
     seed: int = 0,
+    n_jobs: int | None = -1,
+) -> Begun:
+    """Begin to fit a keyframe to the images learned from, in one of the processes.
+
+    Parameters
+    ----------
+    data : PoseImageSet
+    learn, test : ndarray
+        Images that are independent of each other.
+    view : FittedView, optional
+        Of these images, where it is known.
+    seed : int
+        Of the rehearsed starts.
+    n_jobs : int, optional
+        Processes, as joblib counts them. One alone begins when `finish_view` asks.
+
+    Returns
+    -------
+    iterator
+        For `finish_view`.
+    """
+    return in_processes(_explain, [(data, learn, test, view, seed)], n_jobs)
+
+
+def finish_view(
+    begun: Begun,
+    data: PoseImageSet,
+    groups: Indices | None = None,
+    *,
     n_jobs: int | None = -1,
     progress: ProgressBar = no_progress,
 ) -> ViewFindings | None:
@@ -140,36 +178,32 @@ def examine_view(
 
     Parameters
     ----------
+    begun : iterator
+        From `begin_view`.
     data : PoseImageSet
-    learn, test : ndarray
-        Images that are independent of each other.
+        As it was begun with.
     groups : ndarray of shape (n_images,), optional
         Images that belong together.
-    view : FittedView, optional
-        Of these images, where it is known.
-    seed : int
-        Of the rehearsed starts.
     n_jobs : int, optional
         Processes, as joblib counts them; every number of them gives the same.
     progress : ProgressBar
     """
-    view = view or fit_view(data, learn, test, progress)
-    if view is None or not view.explains:
+    with progress("keyframe", 1) as advance:
+        explained, warned = next(begun)
+        advance(1)
+    for message in warned:
+        warnings.warn(message, stacklevel=2)
+    if explained is None:
         return None
-    fitted = data.subset(view.fitted)
-    truth = data.delta_p()[view.read]
-    try:
-        model = KeyframeModel.of_readings(view.keyframe, data, fitted, view.readings, truth)
-    except ServoscopeError:
-        return None
+    view, model = explained.view, explained.rehearsal.model
     errors = view.readings.errors[view.right] * DISPLAY_FACTORS
     of_group = None if groups is None else groups[view.read][view.right]
     if of_group is not None and len(np.unique(of_group)) < 2:
         of_group = None
     interval = rms_interval(errors, of_group)
     limit = view.keyframe.limit().std * DISPLAY_FACTORS
-    loop = _rehearsed(model, seed, n_jobs, progress)
-    loop |= _end(model, data.source, seed) if loop["success"] else _NO_END
+    loop = _rehearsed(explained.rehearsal, n_jobs, progress)
+    loop |= explained.end if loop["success"] else _NO_END
     indices = [DOFS.index(dof) for dof in data.dofs]
     rms = np.sqrt(np.mean(errors**2, axis=0))
     return ViewFindings(
@@ -183,13 +217,31 @@ def examine_view(
     )
 
 
-def _rehearsed(
-    model: KeyframeModel, seed: int, n_jobs: int | None, progress: ProgressBar
-) -> dict[str, Any]:
+def _explain(
+    data: PoseImageSet, learn: Indices, test: Indices, view: FittedView | None, seed: int
+) -> tuple[_Explained | None, list[Warning | str]]:
+    """What one process finds of a view, and what it would have warned of."""
+    with warnings.catch_warnings(record=True) as caught, one_blas_thread():
+        warnings.simplefilter("always")
+        view = view or fit_view(data, learn, test)
+        explained = None if view is None or not view.explains else _explained(view, data, seed)
+    return explained, [one.message for one in caught]
+
+
+def _explained(view: FittedView, data: PoseImageSet, seed: int) -> _Explained | None:
+    fitted, truth = data.subset(view.fitted), data.delta_p()[view.read]
+    try:
+        model = KeyframeModel.of_readings(view.keyframe, data, fitted, view.readings, truth)
+    except ServoscopeError:
+        return None
+    rehearsal = Rehearsal(model, STARTS, seed)
+    rehearsal.errors  # noqa: B018  found once, and kept
+    return _Explained(view, rehearsal, _end(model, data.source, seed))
+
+
+def _rehearsed(rehearsal: Rehearsal, n_jobs: int | None, progress: ProgressBar) -> dict[str, Any]:
     """Whether the loop would arrive, on images rendered of the keyframe."""
-    found = Rehearsal(model, STARTS, seed).run(
-        "range_1.0", n_jobs=-1 if n_jobs is None else n_jobs, progress=progress
-    )
+    found = rehearsal.run("range_1.0", n_jobs=-1 if n_jobs is None else n_jobs, progress=progress)
     return {
         "success": found["success"] / found["trials"],
         "success_interval": found["success_interval"],
@@ -209,8 +261,7 @@ def _end(model: KeyframeModel, source: dict[str, Any], seed: int) -> dict[str, A
     clean = keyframe.reference_image.astype(float)
     noisy = [clean + rng.normal(0, keyframe.noise, clean.shape) for _ in range(_LOOKS)]
     images = [np.rint(image.clip(0, 255)).astype(np.uint8) for image in noisy]
-    with one_blas_thread():
-        read = np.array([keyframe.align(image, np.eye(4)).delta_p for image in images])
+    read = np.array([keyframe.align(image, np.eye(4)).delta_p for image in images])
     n_reference = source.get("n_reference_images")
     n_reference = n_reference if isinstance(n_reference, int) and n_reference > 0 else 1
     shares = 1 / LoopSettings().final_images + 1 / n_reference

@@ -1,0 +1,26 @@
+"""The command line where a study has few small nets, and simulated images are of a plane."""
+
+import sys
+from dataclasses import fields
+
+from servoscope.acquisition_config import AcquisitionConfig
+from servoscope.cli import main
+from servoscope.study import StudyConfig
+
+SMALL = {
+    StudyConfig: {"n_thresholds": 4, "hidden": 4, "restarts": 1},
+    AcquisitionConfig: {"part": "textured_plane"},
+}
+STUDY = ("study", "--n-images", "144", "--image-size", "24", "--seed", "3", "--protocol", "honest")
+
+
+def make_small(set_attribute=setattr) -> None:
+    """Let the settings be small unless they are given."""
+    for config, values in SMALL.items():
+        defaults = tuple(values.get(field.name, field.default) for field in fields(config))
+        set_attribute(config.__init__, "__defaults__", defaults)
+
+
+if __name__ == "__main__":
+    make_small()
+    sys.exit(main())
