@@ -11,16 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.assessment.disturbed import N_CONDITIONS, disturb
-from servoscope.assessment.image_facts import describe_images
+from servoscope.assessment.image_facts import ImageFacts, describe_images
 from servoscope.assessment.outcome import Assessment
 from servoscope.assessment.rendered import Sample, sample_images
-from servoscope.assessment.view import Begun, begin_view, finish_view
+from servoscope.assessment.view import Begun, ViewFindings, begin_view, finish_view
 from servoscope.assessment.what_if import crop_centre
 from servoscope.data.images import PoseImageSet
 from servoscope.data.splits import Split
 from servoscope.dofs import mask_of
 from servoscope.errors import InvalidInputError
 from servoscope.features.catalogue import default_families, resolve_families
+from servoscope.kernels import find_repeats
 from servoscope.pipeline import (
     Candidate,
     FeatureTable,
@@ -34,6 +35,7 @@ from servoscope.pipeline import (
 )
 from servoscope.pipeline.forecasts import QUICK, THOROUGH
 from servoscope.poses import DOFS
+from servoscope.processes import in_processes, one_blas_thread
 from servoscope.progress import ProgressBar, no_progress
 from servoscope.regression import REGRESSORS
 from servoscope.regression.registry import make_regressor
@@ -139,39 +141,57 @@ class _Course:
         moved = np.ptp(self.targets[self.split.learned], axis=0) > 1e-9
         return [dof for dof, moves in zip(DOFS, moved, strict=True) if moves]
 
+    @cached_property
+    def images(self) -> ImageFacts:
+        """What the real images are like."""
+        return describe_images(self.sample.real)
+
+    @cached_property
+    def is_hopeless(self) -> bool:
+        """Whether nothing can be learned, whatever the features."""
+        return not (self.images.change and self.moving)
+
+    @cached_property
+    def table(self) -> FeatureTable:
+        """The features of all families that are tried."""
+        tried = ("moments",) if self.is_hopeless else self.families
+        return self._table(tried, self.data.images, self.targets, self.groups, "features")
+
+    @cached_property
+    def poses(self) -> NDArray[np.intp]:
+        """Images learned from of equal value are repeated shots of one pose."""
+        learn, poses = self.split.learned, np.full(len(self.data), -1)
+        with one_blas_thread():
+            poses[learn] = find_repeats(self.table.values[learn], self.targets[learn])
+        return poses
+
     def run(self) -> Assessment:
-        images = describe_images(self.sample.real)
-        is_hopeless = not (images.change and self.moving)
-        tried = ("moments",) if is_hopeless else self.families
-        begun = None if is_hopeless else self._begin_view()  # one process works on it meanwhile
-        table = self._table(tried, self.data.images, self.targets, self.groups, "features")
-        candidates = self._forecast(table)
-        choice, forecasts = self._choose(table, candidates)
+        begun = None if self.is_hopeless else self._begin_view()  # beside all that follows
+        candidates = self._forecast()
+        choice, forecasts = self._choose(candidates)
         recipes = {dof: candidates[name].recipe for dof, name in choice.items()}
-        fitted = self._train(table, [(r, dof) for dof, r in recipes.items()], "training")
-        pipeline = self._pipeline(table, fitted, forecasts)
-        noise, disturbed = self._disturb(pipeline, images.noise)
-        options: dict[str, Any] = {"n_jobs": self.n_jobs, "progress": self.progress}
+        fitted = self._train([(recipe, dof) for dof, recipe in recipes.items()], "training")
+        pipeline = self._pipeline(fitted, forecasts)
+        noise, disturbed = self._disturb(pipeline)
+        curves = self._learning_curves(recipes)
         return Assessment(
             self.sample,
-            images,
+            self.images,
             candidates,
             choice,
             forecasts,
             dict(zip(recipes, fitted, strict=True)),
             pipeline,
-            {dof: one.best_features(table) for dof, one in zip(recipes, fitted, strict=True)},
-            curves=self._learning_curves(table, recipes),
+            {dof: one.best_features(self.table) for dof, one in zip(recipes, fitted, strict=True)},
+            curves=curves,
             noise=noise,
             disturbed=disturbed,
             without_border=self._without_border(recipes),
-            at_random=self._at_random(table, recipes),
-            view=None
-            if begun is None
-            else finish_view(begun, self.sample.real, self.groups, **options),
-            regressors=self._regressors(table, recipes, COMPARED),
+            at_random=self._at_random(recipes),
+            view=None if begun is None else self._finish_view(begun),
+            regressors=self._regressors(recipes, COMPARED),
             regressors_on_moments=self._regressors(
-                table, dict.fromkeys(recipes, Recipe("moments")), tuple(REGRESSORS.built_in)
+                dict.fromkeys(recipes, Recipe("moments")), tuple(REGRESSORS.built_in)
             ),
         )
 
@@ -196,7 +216,8 @@ class _Course:
                 on_progress=advance,
             )
 
-    def _forecast(self, table: FeatureTable) -> dict[str, Candidate]:
+    def _forecast(self) -> dict[str, Candidate]:
+        table = self.table
         names = [*table.fitted, *(mix for mix in MIXES if table.has(mix))]
         jobs = [(Recipe(name), dof) for name in names for dof in self.moving]
         found = iter(self._forecast_all(table, self.groups, jobs, "forecasts", QUICK))
@@ -213,13 +234,11 @@ class _Course:
         settings = {"kernel_steps": 30} if self.regressor == "gaussian_process" else {}
         return Recipe(features, regressor=self.regressor, settings=settings)
 
-    def _choose(
-        self, table: FeatureTable, candidates: dict[str, Candidate]
-    ) -> tuple[Choice, dict[str, Forecast]]:
+    def _choose(self, candidates: dict[str, Candidate]) -> tuple[Choice, dict[str, Forecast]]:
         """The candidate of each dof, of those that may be best, and its thorough forecast."""
         names = shortlist(candidates)
         jobs = [(candidates[name].recipe, dof) for name, dof in names]
-        found = self._forecast_all(table, self.groups, jobs, "best forecasts", THOROUGH)
+        found = self._forecast_all(self.table, self.groups, jobs, "best forecasts", THOROUGH)
         thorough: dict[str, dict[str, Forecast]] = {}
         for (name, dof), one in zip(names, found, strict=True):
             thorough.setdefault(name, {})[dof] = one
@@ -238,28 +257,28 @@ class _Course:
         title: str,
         effort: dict[str, int],
     ) -> list[Forecast]:
-        is_whole = len(table.values) == len(self.data)
+        images = slice(None) if len(table.values) == len(self.data) else self.split.learned
         with self.progress(title, len(jobs)) as advance:
             return forecast_all(
                 table,
-                self.targets if is_whole else self.targets[self.split.learned],
+                self.targets[images],
                 groups,
                 jobs,
+                poses=self.poses[images],
                 effort=effort,
                 n_jobs=self.n_jobs,
                 on_progress=advance,
             )
 
-    def _train(
-        self, table: FeatureTable, jobs: list[tuple[Recipe, str]], title: str
-    ) -> list[Fitted]:
+    def _train(self, jobs: list[tuple[Recipe, str]], title: str) -> list[Fitted]:
         with self.progress(title, len(jobs)) as advance:
             return fit_all(
-                table,
+                self.table,
                 self.targets,
                 self.split,
                 jobs,
                 seed=self.seed,
+                poses=self.poses,
                 n_jobs=self.n_jobs,
                 on_progress=advance,
             )
@@ -274,8 +293,13 @@ class _Course:
             n_jobs=self.n_jobs,
         )
 
+    def _finish_view(self, begun: Begun) -> ViewFindings | None:
+        return finish_view(
+            begun, self.sample.real, self.groups, n_jobs=self.n_jobs, progress=self.progress
+        )
+
     def _pipeline(
-        self, table: FeatureTable, fitted: list[Fitted], forecasts: dict[str, Forecast]
+        self, fitted: list[Fitted], forecasts: dict[str, Forecast]
     ) -> PosePipeline | None:
         """The pipeline of the choice, which remembers what was forecast for it and measured."""
         if not fitted:
@@ -287,7 +311,7 @@ class _Course:
             for (dof, one), scale in zip(forecasts.items(), ranges, strict=True)
         }
         return PosePipeline.from_fitted(
-            table,
+            self.table,
             fitted,
             ranges,
             self.sample.real_split,
@@ -297,7 +321,7 @@ class _Course:
         )
 
     def _disturb(
-        self, pipeline: PosePipeline | None, noise: float
+        self, pipeline: PosePipeline | None
     ) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
         if pipeline is None:
             return {}, {}
@@ -307,28 +331,29 @@ class _Course:
                 pipeline,
                 images,
                 targets,
-                noise,
+                self.images.noise,
                 seed=self.seed,
                 n_jobs=self.n_jobs,
                 on_progress=advance,
             )
 
-    def _learning_curves(
-        self, table: FeatureTable, recipes: dict[str, Recipe]
-    ) -> dict[str, LearningCurve]:
-        curves, learn = {}, table.learn
-        with self.progress("learning curves", len(recipes)) as advance:
-            for n_done, (dof, recipe) in enumerate(recipes.items(), start=1):
-                curves[dof] = learning_curve(
-                    table.values[np.ix_(learn, table.columns(recipe))],
-                    self.targets[learn, DOFS.index(dof)],
-                    groups=None if self.groups is None else self.groups[learn],
-                    n_draws=2,
-                    n_jobs=self.n_jobs,
-                    **QUICK,
-                )
-                advance(n_done)
-        return curves
+    def _learning_curves(self, recipes: dict[str, Recipe]) -> dict[str, LearningCurve]:
+        learn, curves = self.split.learned, []
+        groups = None if self.groups is None else self.groups[learn]
+        calls = [
+            (
+                self.table.values[np.ix_(learn, self.table.columns(recipe))],
+                self.targets[learn, DOFS.index(dof)],
+                groups,
+                self.poses[learn],
+            )
+            for dof, recipe in recipes.items()
+        ]
+        with self.progress("learning curves", len(calls)) as advance:
+            for curve in in_processes(_learning_curve, calls, self.n_jobs, batch_size=1):
+                curves.append(curve)
+                advance(len(curves))
+        return dict(zip(recipes, curves, strict=True))
 
     def _without_border(self, recipes: dict[str, Recipe]) -> dict[str, float | None]:
         """Forecasts from the middle of the view; None where a family cannot be had of it."""
@@ -347,12 +372,11 @@ class _Course:
         rms = {dof: float(one.rms[0]) for (_, dof), one in zip(jobs, found, strict=True)}
         return {dof: rms.get(dof) for dof in recipes}
 
-    def _at_random(
-        self, table: FeatureTable, recipes: dict[str, Recipe]
-    ) -> dict[str, float] | None:
+    def _at_random(self, recipes: dict[str, Recipe]) -> dict[str, float] | None:
         """What a forecast promises that does not know that images are dependent."""
         if self.groups is None:
             return None
+        table = self.table
         if table.folds:
             families = self._families_of(recipes)
             images = self.data.images
@@ -367,15 +391,18 @@ class _Course:
         known = {Recipe(family).name: family for family in self.families}
         return [known.get(name, name) for name in sorted(used)]
 
-    def _regressors(
-        self, table: FeatureTable, recipes: dict[str, Recipe], names: Sequence[str]
-    ) -> list[Fitted]:
+    def _regressors(self, recipes: dict[str, Recipe], names: Sequence[str]) -> list[Fitted]:
         """Regressors side by side on the same features; none unless they are to be compared."""
-        if not self.compare or not all(table.has(recipe.name) for recipe in recipes.values()):
+        if not self.compare or not all(self.table.has(recipe.name) for recipe in recipes.values()):
             return []
         jobs = [
             (replace(recipe, regressor=name, settings={}), dof)
             for name in names
             for dof, recipe in recipes.items()
         ]
-        return self._train(table, jobs, "regressors")
+        return self._train(jobs, "regressors")
+
+
+def _learning_curve(X: Array, y: Array, groups: Array | None, poses: Array) -> LearningCurve:
+    with one_blas_thread():
+        return learning_curve(X, y, groups=groups, poses=poses, n_draws=2, **QUICK)

@@ -56,6 +56,7 @@ def forecast(
     groups: Indices | None,
     recipe: Recipe,
     *,
+    poses: Indices | None = None,
     n_jobs: int | None = 1,
     max_samples: int = QUICK["max_samples"],
     max_iter: int = QUICK["max_iter"],
@@ -74,6 +75,8 @@ def forecast(
         Images that belong together, and are left out together.
     recipe : Recipe
         With any regressor.
+    poses : ndarray of shape (n_images,), optional
+        Images of equal value are repeated shots of one pose; they are found by default.
     n_jobs, max_samples, max_iter
         As of `servoscope.selection.forecast_errors`.
 
@@ -83,7 +86,7 @@ def forecast(
         If the features are fitted to images and the table has no folds.
     """
     effort = {"max_samples": max_samples, "max_iter": max_iter}
-    parts = _parts(table, targets, groups, recipe)
+    parts = _parts(table, targets, groups, poses, recipe)
     return _forecast(*parts, effort=effort, n_jobs=n_jobs)
 
 
@@ -94,6 +97,7 @@ def forecast_all(
     jobs: Sequence[tuple[Recipe, str]],
     *,
     dofs: Sequence[str] = DOFS,
+    poses: Indices | None = None,
     effort: Mapping[str, int] = QUICK,
     n_jobs: int | None = -1,
     on_progress: Callable[[int], object] | None = None,
@@ -111,7 +115,8 @@ def forecast_all(
     places = [list(dofs).index(dof) for _, dof in jobs]
     calls = []
     for numbers in of_recipe.values():
-        parts = _parts(table, targets[:, [places[i] for i in numbers]], groups, jobs[numbers[0]][0])
+        own = targets[:, [places[i] for i in numbers]]
+        parts = _parts(table, own, groups, poses, jobs[numbers[0]][0])
         calls.append((numbers, parts, effort))
     calls.sort(key=lambda call: -len(call[0]) * len(call[1][2]))  # those that take longest first
     found: dict[int, Forecast] = {}
@@ -171,7 +176,11 @@ def _forecast_several(
 
 
 def _parts(
-    table: FeatureTable, targets: Array, groups: Indices | None, recipe: Recipe
+    table: FeatureTable,
+    targets: Array,
+    groups: Indices | None,
+    poses: Indices | None,
+    recipe: Recipe,
 ) -> tuple[Any, ...]:
     learn, columns = table.learn, table.columns(recipe)
     is_learned = table.is_learned(recipe)
@@ -180,8 +189,11 @@ def _parts(
             f"The features {recipe.name} are fitted to images: their forecast needs a feature "
             "table with folds."
         )
-    own = None if groups is None else groups[learn]
     folds = table.folds if is_learned else ()
+    own = {
+        "groups": None if groups is None else groups[learn],
+        "poses": None if poses is None else poses[learn],
+    }
     return table.values, learn, columns, folds, targets[learn], own
 
 
@@ -191,12 +203,12 @@ def _forecast(
     columns: Indices,
     folds: Sequence[Fold],
     targets: Array,
-    groups: Indices | None,
+    own: Mapping[str, Indices | None],
     *,
     effort: Mapping[str, int],
     n_jobs: int | None,
 ) -> Forecast:
-    options: dict[str, Any] = {"groups": groups, "n_jobs": n_jobs, **effort}
+    options: dict[str, Any] = {**own, "n_jobs": n_jobs, **effort}
     if folds:
         return forecast_from_folds(folds, targets, columns=columns, **options)
     return forecast_errors(values[np.ix_(learn, columns)], targets, **options)

@@ -183,6 +183,7 @@ def forecast_from_folds(
     *,
     columns: ArrayLike | None = None,
     groups: ArrayLike | None = None,
+    poses: ArrayLike | None = None,
     coverage: float = 0.9,
     n_jobs: int | None = 1,
     max_samples: int = 300,
@@ -197,7 +198,7 @@ def forecast_from_folds(
     Y : array of shape (n_images, n_targets) or (n_images,)
     columns : array of int, optional
         The features that count; all of them by default.
-    groups, coverage, n_jobs, max_samples, max_iter
+    groups, poses, coverage, n_jobs, max_samples, max_iter
         As of `forecast_errors`.
 
     Returns
@@ -211,19 +212,22 @@ def forecast_from_folds(
     targets, unit = in_ordinary_units(tables[0][1])
     targets = targets - targets[0]  # what never changes is exactly 0
     features = [in_ordinary_units(X)[0] for X, _ in tables]
-    poses = [find_repeats(X, targets) for X in features]
+    if poses is None:
+        of_folds = [find_repeats(X, targets) for X in features]
+    else:
+        of_folds = [np.asarray(poses)] * len(features)
     effort = {"max_samples": max_samples, "max_iter": max_iter}
     calls = [
         (X, y, of_fold, fold.left_out, effort)
         for y in targets.T
-        for fold, X, of_fold in zip(folds, features, poses, strict=True)
+        for fold, X, of_fold in zip(folds, features, of_folds, strict=True)
     ]
     full, fewer = np.empty_like(targets), np.empty_like(targets)
     for i, found in enumerate(in_processes(_residuals_left_out, calls, n_jobs)):
         rows = folds[i % len(folds)].left_out
         full[rows, i // len(folds)], fewer[rows, i // len(folds)] = found
     residuals = full * _gain(root_mean_square(full), root_mean_square(fewer))
-    counted = group_poses(features[0], targets, _of_shots(targets, members))
+    counted = group_poses(features[0], targets, _of_shots(targets, members), poses)
     return summarise_residuals(residuals, counted, targets, coverage).in_units(unit)
 
 

@@ -117,6 +117,7 @@ def forecast_errors(
     Y: ArrayLike,
     *,
     groups: ArrayLike | None = None,
+    poses: ArrayLike | None = None,
     coverage: float = 0.9,
     n_jobs: int | None = 1,
     max_samples: int = 300,
@@ -132,8 +133,10 @@ def forecast_errors(
     Y : array of shape (n_samples, n_targets) or (n_samples,)
     groups : array of shape (n_samples,), optional
         What belongs together and is left out together, such as the blocks of a sequence; 4 groups
-        at least. By default each sample is by itself. Repeated shots of one pose are always left
-        out together, and count as one sample (`servoscope.kernels.find_repeats`).
+        at least. By default each sample is by itself.
+    poses : array of shape (n_samples,), optional
+        Samples of equal value are repeated shots of one pose, which are left out together and
+        count as one. They are found by default (`servoscope.kernels.find_repeats`).
     coverage : float
         Of the interval, 0 to 1.
     n_jobs : int, optional
@@ -180,18 +183,18 @@ def forecast_errors(
     features, targets = as_samples(X, Y)
     (features, _), (targets, unit) = in_ordinary_units(features), in_ordinary_units(targets)
     targets = targets - targets[0]  # what never changes is exactly 0
-    poses = group_poses(features, targets, check_groups(groups, len(features)))
-    parts = cut_samples(len(poses), poses.groups, n_parts(len(poses), max_samples))
+    joined = group_poses(features, targets, check_groups(groups, len(features)), poses)
+    parts = cut_samples(len(joined), joined.groups, n_parts(len(joined), max_samples))
     effort = {"max_samples": max_samples, "max_iter": max_iter}
     calls = [
-        (poses.X, y, poses.groups, (features, y_shots, poses.members), part, effort)
-        for y, y_shots in zip(poses.Y.T, targets.T, strict=True)
+        (joined.X, y, joined.groups, (features, y_shots, joined.members), part, effort)
+        for y, y_shots in zip(joined.Y.T, targets.T, strict=True)
         for part in parts
     ]
     residuals = np.empty_like(targets)
     for i, found in enumerate(in_processes(_residuals_of_part, calls, n_jobs)):
-        residuals[np.isin(poses.members, parts[i % len(parts)]), i // len(parts)] = found
-    return summarise_residuals(residuals, poses, targets, coverage).in_units(unit)
+        residuals[np.isin(joined.members, parts[i % len(parts)]), i // len(parts)] = found
+    return summarise_residuals(residuals, joined, targets, coverage).in_units(unit)
 
 
 def summarise_residuals(

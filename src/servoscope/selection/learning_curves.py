@@ -213,6 +213,7 @@ def learning_curve(
     Y: ArrayLike,
     *,
     groups: ArrayLike | None = None,
+    poses: ArrayLike | None = None,
     n_draws: int = 8,
     n_jobs: int | None = 1,
     max_samples: int = 300,
@@ -229,7 +230,7 @@ def learning_curve(
         What belongs together, such as the blocks of a sequence; 4 groups at least.
     n_draws : int
         Most subsets of each size; 2 at least.
-    n_jobs, max_samples, max_iter
+    poses, n_jobs, max_samples, max_iter
         As of `forecast_errors`.
 
     Returns
@@ -267,11 +268,13 @@ def learning_curve(
     members = check_groups(groups, len(features))
     effort = {"max_samples": max_samples, "max_iter": max_iter}
     targets = targets - targets[0]  # what never changes is exactly 0
-    forecast = forecast_errors(features, targets, groups=members, n_jobs=n_jobs, **effort)
-    poses = group_poses(features, targets, members)
-    subsets = _draw_subsets(len(features), poses.groups_of_shots, max(n_draws, 2))
+    joined = group_poses(features, targets, members, poses)
+    forecast = forecast_errors(
+        features, targets, groups=members, poses=joined.members, n_jobs=n_jobs, **effort
+    )
+    subsets = _draw_subsets(len(features), joined.groups_of_shots, max(n_draws, 2))
     calls = [
-        (features, y, poses.members, subset, effort)
+        (features, y, joined.members, subset, effort)
         for y in targets.T
         for draws in subsets
         for subset in draws
@@ -279,7 +282,7 @@ def learning_curve(
     logs = iter(in_processes(_log_rms_of_others, calls, n_jobs))
     measured = [[[next(logs) for _ in draws] for draws in subsets] for _ in targets.T]
     n_images = np.array([round(np.mean([len(d) for d in s])) for s in subsets] + [len(features)])
-    error, n_groups = rms_log_error(forecast.residuals, poses.groups_of_shots)
+    error, n_groups = rms_log_error(forecast.residuals, joined.groups_of_shots)
     fits = [_fit(n_images, m, whole) for m, whole in zip(measured, forecast.rms, strict=True)]
     return LearningCurve(
         n_images,

@@ -127,7 +127,7 @@ class Poses:
         return self.members if len(self) < len(self.members) else None
 
 
-def group_poses(X: Array, Y: Array, groups: Groups | None) -> Poses:
+def group_poses(X: Array, Y: Array, groups: Groups | None, poses: ArrayLike | None = None) -> Poses:
     """Samples by pose; what belongs together still does, and no pose is in two groups.
 
     Parameters
@@ -135,8 +135,10 @@ def group_poses(X: Array, Y: Array, groups: Groups | None) -> Poses:
     X, Y : ndarrays of shape (n, n_features) and (n, n_targets)
     groups : ndarray of shape (n,), optional
         Numbers from 0.
+    poses : array of shape (n,), optional
+        Samples of equal value are shots of one pose; they are found by default.
     """
-    members = find_repeats(X, Y)
+    members = find_repeats(X, Y) if poses is None else np.unique(poses, return_inverse=True)[1]
     merged = merge_repeats(X, Y, members)
     if groups is None:
         return Poses(*merged, None, members)
