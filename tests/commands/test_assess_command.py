@@ -12,32 +12,52 @@ from servoscope.cli import main
 from servoscope.data.images import PoseImageSet
 from servoscope.pipeline import PosePipeline
 from servoscope.poses import DISPLAY_FACTORS, DOFS, poses_from_displacements
+from servoscope.study import Study, StudyConfig, open_run_folder
 from servoscope.study.run import fingerprint
+from servoscope.study.run_folder import read_json
+from small_study import make_small
 
+FAMILIES = ("--families", "moments,log_polar")
 KEYS = {"forecast_rms", "interval", "reached_rms", "unit", "limited_by", "best_features", "advice"}
 
 
 def assess(data, folder: Path, *options: str) -> tuple[int, Path]:
     data.save(folder / "data")
     run = folder / "run"
-    command = ["assess", str(folder / "data"), "--out", str(run), "--families", "moments,log_polar"]
-    return main([*command, "--protocol", "honest", *options]), run
+    command = ["assess", str(folder / "data"), "--out", str(run), "--families", "moments"]
+    return main([*command, "--protocol", "honest", "--jobs", "1", *options]), run
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _small():
+    with pytest.MonkeyPatch.context() as patch:
+        make_small(patch.setattr)
+        yield
+
+
+@pytest.fixture
+def without_view(monkeypatch):
+    """No keyframe is fitted, where it is not the matter."""
+    begun = "servoscope.assessment.run.begin_view"
+    monkeypatch.setattr(begun, lambda *_, **__: iter([(None, [])]))
+
+
+ASKED = (*FAMILIES, "--study", "--want", "t=1mm,rz=60deg")
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """A run with a study, and what it printed."""
+    """A run with a study."""
     folder = tmp_path_factory.mktemp("assess")
-    code, run = assess(planar_data_set(150, 24), folder, "--study", "--want", "t=1mm,rz=60deg")
+    code, run = assess(planar_data_set(144, 24), folder, *ASKED)
     assert code == 0
     return run
 
 
 @pytest.mark.slow
-def test_json_tells_the_decision_of_every_dof(finished, capsys):
+def test_json_has_the_decision_of_every_dof(finished, capsys):
     command = ["assess", str(finished.parent / "data"), "--out", str(finished), "--resume"]
-    options = ["--families", "moments,log_polar", "--protocol", "honest", "--study", "--want"]
-    assert main([*command, *options, "t=1mm,rz=60deg", "--json"]) == 0
+    assert main([*command, "--protocol", "honest", *ASKED, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert next(iter(told)) == "assessment"
     assert list(told["assessment"]) == list(DOFS)
@@ -50,6 +70,15 @@ def test_json_tells_the_decision_of_every_dof(finished, capsys):
     assert told["protocols"]["honest"]["pivot"]["table1"]
 
 
+@pytest.mark.slow
+def test_its_study_is_the_study_of_these_images(finished, tmp_path):
+    data, config = PoseImageSet.load(finished.parent / "data"), StudyConfig(protocols=("honest",))
+    Study(open_run_folder(tmp_path / "study", {}), data, config, n_jobs=1).run()
+    alone, beside = (read_json(run / "summary.json") for run in (tmp_path / "study", finished))
+    assert beside["protocols"] == alone["protocols"]
+
+
+@pytest.mark.usefixtures("without_view")
 def test_the_pipeline_of_the_choice_is_saved_with_what_is_known_of_it(tmp_path):
     data = planar_data_set(80, 16)
     code, run = assess(data, tmp_path)
@@ -84,9 +113,10 @@ def test_the_report_opens_with_the_decision(finished):
     }
 
 
+@pytest.mark.usefixtures("without_view")
 @pytest.mark.slow
 def test_the_terminal_shows_the_decision_and_where_the_report_is(tmp_path, capsys):
-    code, run = assess(planar_data_set(90, 24), tmp_path, "--study")
+    code, run = assess(planar_data_set(60, 16), tmp_path, "--study")
     out = capsys.readouterr().out
     assert code == 0
     assert "RMS error of each degree of freedom" in out
@@ -104,12 +134,12 @@ def test_the_terminal_shows_the_decision_and_where_the_report_is(tmp_path, capsy
 
 @pytest.mark.filterwarnings("default::servoscope.errors.ServoscopeWarning")
 def test_of_constant_images_it_says_that_nothing_can_be_learned(tmp_path, capsys):
-    data = planar_data_set(150, 24)
-    frozen = replace(data, images=np.repeat(data.images[:1], 150, axis=0))
+    data = planar_data_set(60, 16)
+    frozen = replace(data, images=np.repeat(data.images[:1], 60, axis=0))
     code, run = assess(frozen, tmp_path, "--json")
     assert code == 0
     out, err = capsys.readouterr()
-    assert "149 repeated (000001, 000002, ...)" in err
+    assert "59 repeated (000001, 000002, ...)" in err
     told = json.loads(out)
     assert told["assessed"]["conclusion"] == "Nothing can be learned from these images."
     for row in told["assessment"].values():
@@ -137,6 +167,7 @@ def test_what_cannot_be_read_is_said_in_one_line(tmp_path, capsys, options, said
     assert not out.exists()
 
 
+@pytest.mark.usefixtures("without_view")
 @pytest.mark.slow
 def test_the_study_of_what_turns_out_a_sequence_is_not_split_at_random(tmp_path, capsys):
     data = planar_data_set(160, 16)
@@ -152,11 +183,11 @@ def test_the_study_of_what_turns_out_a_sequence_is_not_split_at_random(tmp_path,
     assert json.loads((run / "summary.json").read_text())["dataset"]["split"] == "blocks"
 
 
-def test_what_is_told_of_one_dof_leaves_the_simulated_errors_of_the_others(tmp_path, capsys):
+@pytest.mark.usefixtures("without_view")
+def test_what_is_known_of_one_dof_leaves_the_simulated_errors_of_the_others(tmp_path, capsys):
     known = {"repeatability_mm": 0.5, "repeatability_deg": 0.5}
-    code, _ = assess(
-        planar_data_set(60, 16, source=known), tmp_path, "--pose-error", "tx=1mm", "--json"
-    )
+    data = planar_data_set(60, 16, source=known)
+    code, _ = assess(data, tmp_path, *FAMILIES, "--pose-error", "tx=1mm", "--json")
     assert code == 0
     told = json.loads(capsys.readouterr().out)["assessment"]
     for dof, label in zip(DOFS, (1.0, *[0.5] * 5), strict=True):

@@ -133,7 +133,7 @@ def cell(tmp_path_factory):
     """The simulated cell, assessed and trained on."""
     folder = tmp_path_factory.mktemp("cell")
     data, run, model = (str(folder / name) for name in ("data", "run", "model"))
-    assert main(["acquire", data, "--image-size", "96", "--schedule", "60@1.6"]) == 0
+    assert main(["acquire", data, "--image-size", "64", "--schedule", "60@1.6"]) == 0
     assert main(["assess", data, "--out", run, "--families", "moments", "--jobs", "1"]) == 0
     assert main(["train", data, "--assessment", run, "--out", model, "--jobs", "1"]) == 0
     return folder
