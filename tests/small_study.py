@@ -3,7 +3,7 @@
 import sys
 from dataclasses import fields
 
-from servoscope.acquisition_config import AcquisitionConfig
+from servoscope.acquisition import AcquisitionConfig
 from servoscope.cli import main
 from servoscope.study import StudyConfig
 

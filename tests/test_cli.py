@@ -103,7 +103,7 @@ def finished(printed) -> Path:
 def test_study_makes_a_report_and_says_where_it_is(printed):
     run, out, err = printed
     assert str(run / "report.html") in out
-    assert "honest protocol, pivot form" in out
+    assert "Honest protocol, displacement about the pivot" in out
     assert "Traceback" not in err
     assert "</html>" in (run / "report.html").read_text()
 

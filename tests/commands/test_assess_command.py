@@ -12,9 +12,9 @@ from servoscope.cli import main
 from servoscope.data.images import PoseImageSet
 from servoscope.pipeline import PosePipeline
 from servoscope.poses import DISPLAY_FACTORS, DOFS, poses_from_displacements
-from servoscope.study import Study, StudyConfig, open_run_folder
+from servoscope.storage.run_folder import open_run_folder, read_json
+from servoscope.study import Study, StudyConfig
 from servoscope.study.run import fingerprint
-from servoscope.study.run_folder import read_json
 from small_study import make_small
 
 FAMILIES = ("--families", "moments,log_polar")
