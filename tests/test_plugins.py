@@ -72,6 +72,15 @@ def test_the_page_adds_one_of_each_on_the_command_line(acme, tmp_path, monkeypat
     assert {one.recipe.regressor for one in pipeline.regressors_.values()} == {"linear"}
     assert np.isfinite(pipeline.predict(data.images[:3])).all()
 
+    model = str(tmp_path / "model")
+    options = ["--assessment", str(tmp_path / "run"), "--method", "features", "--out", model]
+    done = run(acme, "train", cell, *options, "--json")
+    assert done.returncode == 0, done.stderr
+    trained = json.loads(done.stdout)["accuracy"]["pipeline"]["dofs"]
+    assert {one["recipe"]["regressor"] for one in trained.values()} == {"linear"}
+    done = run(acme, "position", model, "--robot", f"recorded:{cell}", "--start", "0", "--json")
+    assert json.loads(done.stdout)["steps"][0]["stage"] == "features", done.stderr
+
     taken = run(
         acme, "acquire", str(tmp_path / "steps"), "--robot", "stepper", "--n-images", "2",
         "--image-size", "32",

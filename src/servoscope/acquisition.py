@@ -194,8 +194,8 @@ class AcquisitionConfig:
         Rotations are about a point on the z axis of that frame, as far along it as the point
         `pivot_mm` before the camera, so that the part stays in view whatever carries the camera.
         """
-        T_told_cam = inverse_transform(T_world_ref) @ T_WORLD_REF
-        return float((T_told_cam @ [0.0, 0.0, 1e-3 * self.pivot_mm, 1.0])[2])
+        T_reported_cam = inverse_transform(T_world_ref) @ T_WORLD_REF
+        return float((T_reported_cam @ [0.0, 0.0, 1e-3 * self.pivot_mm, 1.0])[2])
 
     def displacements(self) -> Array:
         """The displacements that are drawn first, about the pivot, (n_images, 6), [m] and [rad].

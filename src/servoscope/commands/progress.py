@@ -19,7 +19,7 @@ from servoscope.commands.output import SafeConsole, print_message
 
 @contextmanager
 def progress_bar(description: str, total: int | None) -> Iterator[Callable[[int], object]]:
-    """A bar on standard error; yields the function that is told how many items are done.
+    """A bar on standard error; yields the function that takes how many items are done.
 
     Where standard error is not a terminal, one line says what is being done instead, once it has
     begun.

@@ -118,8 +118,8 @@ def turning_state(
 ) -> Solution:
     """The state that explains the images by rotations of the camera alone.
 
-    Where no translation is seen, a lever between the camera and what turns it cannot be told from
-    a longer focal length, so that it is held.
+    Where no translation is seen, a lever between the camera and what turns it cannot be separated
+    from a longer focal length, so that it is held.
 
     Parameters
     ----------

@@ -83,7 +83,7 @@ class ExpectedFeatures:
         Warns
         -----
         ServoscopeWarning
-            If the features do not tell these apart.
+            If the features do not separate these.
         """
         terms = _terms(shares)
         left = terms.T @ terms + _RIDGE * len(terms) * np.eye(terms.shape[1])

@@ -27,8 +27,8 @@ class Robot(Protocol):
     A robot may also offer ``stop()``, which is called at the end of every run that may have moved
     it: it must be safe to call while the robot stands.
 
-    The frame that is told and moved may be the camera's or the flange's, as long as it is the one
-    of the training poses. Where the camera sits in it need not be known.
+    The frame that is reported and moved may be the camera's or the flange's, as long as it is the
+    one of the training poses. Where the camera sits in it need not be known.
     """
 
     @property
@@ -51,13 +51,13 @@ class Robot(Protocol):
         Raises
         ------
         Exception
-            Of any kind, if the robot cannot or will not; its message is told to the user.
+            Of any kind, if the robot cannot or will not; its message is shown to the user.
         """
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Where an image was taken, as far as it tells.
+    """Where an image was taken, as far as it informs of that.
 
     Parameters
     ----------

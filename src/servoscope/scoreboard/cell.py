@@ -41,7 +41,7 @@ def start_pose(
     factor: float,
     dofs: tuple[str, ...] = DOFS,
     pivot: float = PIVOT,
-    T_told_cam: Array | None = None,
+    T_reported_cam: Array | None = None,
 ) -> Array:
     """``T_world_cam`` of a start, (4, 4), [m]: the same direction for every factor.
 
@@ -54,14 +54,14 @@ def start_pose(
         In which it is displaced.
     pivot : float
         Distance from the camera of the point that it is turned about, [m].
-    T_told_cam : ndarray of shape (4, 4), optional
+    T_reported_cam : ndarray of shape (4, 4), optional
         Camera to the frame in whose axes it is displaced, [m]; its own by default.
     """
-    T_told_cam = np.eye(4) if T_told_cam is None else T_told_cam
+    T_reported_cam = np.eye(4) if T_reported_cam is None else T_reported_cam
     delta_p = factor * RANGES * start_direction(seed, start) * mask_of(dofs)
-    along_z = float((T_told_cam @ [0.0, 0.0, pivot, 1.0])[2])
-    T_world_told = T_WORLD_REF @ inverse_transform(T_told_cam)
-    return poses_from_displacements(T_world_told, delta_p, along_z) @ T_told_cam
+    along_z = float((T_reported_cam @ [0.0, 0.0, pivot, 1.0])[2])
+    T_world_reported = T_WORLD_REF @ inverse_transform(T_reported_cam)
+    return poses_from_displacements(T_world_reported, delta_p, along_z) @ T_reported_cam
 
 
 def trial_rng(seed: int, condition: str, start: int) -> np.random.Generator:
@@ -110,11 +110,11 @@ def robot_in_cell(
     changes = CONDITIONS[condition]
     trained = scene_of_training(part, image_size, variant)
     seen = changes.change(trained, start + 1000 * seed)
-    dofs, T_told_cam = dofs or changes.dofs, None
+    dofs, T_reported_cam = dofs or changes.dofs, None
     if dofs != DOFS:
         reference = make_robot(robot, trained)
-        T_told_cam = inverse_transform(reference.pose) @ reference.true_pose
-    T_world_cam = start_pose(seed, start, changes.factor, dofs, pivot, T_told_cam)
+        T_reported_cam = inverse_transform(reference.pose) @ reference.true_pose
+    T_world_cam = start_pose(seed, start, changes.factor, dofs, pivot, T_reported_cam)
     rng = trial_rng(seed, condition, start)
     made = make_robot(robot, seen, changes.repeatability, rng, T_world_cam)
     prepare(seen)

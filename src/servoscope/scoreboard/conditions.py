@@ -76,7 +76,7 @@ class Condition:
     late : int
         How many reads old the images of a trial are.
     depth_factor : float
-        What the baseline is told of the depth, relative to the truth.
+        The depth that the baseline is given, relative to the truth.
     dofs : tuple of str
         The degrees of freedom that the robot has, in training too.
     """
@@ -97,7 +97,7 @@ class Condition:
 
     @property
     def is_for_baseline_alone(self) -> bool:
-        """Whether nothing is different but what the baseline is told."""
+        """Whether nothing is different but the depth that the baseline is given."""
         return replace(self, depth_factor=1.0) == CONDITIONS["range_1.0"]
 
     @property

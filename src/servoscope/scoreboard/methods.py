@@ -45,7 +45,7 @@ MOST_MOVES_PHOTOMETRIC = 200
 
 
 class Mounted:
-    """Estimates of the camera's displacement, told in the frame of the flange.
+    """Estimates of the camera's displacement, in the frame of the flange.
 
     Parameters
     ----------
@@ -67,9 +67,9 @@ class Mounted:
 
     def estimate(self, image: NDArray[np.uint8], previous: Estimate | None) -> PhotometricEstimate:
         """Where the flange was when an image was taken, and the move that the law makes of it."""
-        told = self.servoing.estimate(image, previous)
+        seen = self.servoing.estimate(image, previous)
         M, M_inv = self.T_flange_cam, inverse_transform(self.T_flange_cam)
-        return replace(told, displacement=M @ told.displacement @ M_inv, step=M @ told.step @ M_inv)
+        return replace(seen, displacement=M @ seen.displacement @ M_inv, step=M @ seen.step @ M_inv)
 
 
 def make_photometric(
@@ -85,7 +85,7 @@ def make_photometric(
     acquired : AcquisitionConfig
         What it was asked for with.
     depth_factor : float
-        What is told of the depth, relative to the truth.
+        The depth that is given, relative to the truth.
     """
     robot = robot_at_reference(scene, acquired.robot, acquired.image_size)
     seen = acquired.scene()
@@ -99,10 +99,10 @@ def make_photometric(
         1e-3 * acquired.pivot_mm,
         distortion=seen.lens.distortion,
     )
-    T_told_cam = inverse_transform(robot.pose) @ robot.true_pose
-    if np.allclose(T_told_cam, np.eye(4)):
+    T_reported_cam = inverse_transform(robot.pose) @ robot.true_pose
+    if np.allclose(T_reported_cam, np.eye(4)):
         return servoing
-    return Mounted(servoing, T_told_cam, data.pivot)
+    return Mounted(servoing, T_reported_cam, data.pivot)
 
 
 def loop_settings(method: str, repeatability: Repeatability) -> LoopSettings:

@@ -1,4 +1,4 @@
-"""One start: how a method fares, told by the simulation that knows the truth."""
+"""One start: how a method fares, by the simulation, which knows the truth."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Trial:
         From each image to the command.
     believed, std, truth : list of 6 floats or None
         Displacement that is left, [m] and [rad] about the pivot in the frame that the robot
-        tells: as believed at the end, its believed deviation, and as it is.
+        reports: as believed at the end, its believed deviation, and as it is.
     """
 
     status: str
@@ -112,7 +112,7 @@ def run_trial(
     estimator: Estimator,
     settings: LoopSettings,
 ) -> Trial:
-    """Let the loop bring a robot to where another stands, and tell how it went.
+    """Let the loop bring a robot to where another stands, and record how it went.
 
     Parameters
     ----------
