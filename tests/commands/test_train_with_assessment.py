@@ -56,17 +56,19 @@ def test_the_split_and_the_groups_are_those_of_the_assessment(assessed, monkeypa
     pipeline = PosePipeline.load(assessed / "run" / "models" / "pipeline")
     found, data = given["assessment"], given["data"]
     assert data.split == "blocks"
-    np.testing.assert_array_equal(found.split.test, pipeline.split_.test)
-    np.testing.assert_array_equal(found.split.learned, pipeline.split_.learned)
+    np.testing.assert_array_equal(found.pipeline.split_.test, pipeline.split_.test)
+    np.testing.assert_array_equal(found.pipeline.split_.learned, pipeline.split_.learned)
     np.testing.assert_array_equal(found.groups, independent_groups(data).labels)
-    assert not set(found.groups[found.split.test]) & set(found.groups[found.split.learned])
-    told = json.loads((assessed / "run" / "assessment.json").read_text())
+    assert not set(found.groups[found.pipeline.split_.test]) & set(
+        found.groups[found.pipeline.split_.learned]
+    )
+    written = json.loads((assessed / "run" / "assessment.json").read_text())
     assert found.record["fingerprint"] == fingerprint(data)
-    assert found.record["loop"] == told["loop"]
+    assert found.record["loop"] == written["loop"]
     for dof, row in found.record["dofs"].items():
         assert row["recipe"]["features"] == "moments"
         for name in ("forecast_rms", "reached_rms", "one_look", "loop", "view_limit"):
-            assert row[name] == told["dofs"][dof][name]
+            assert row[name] == written["dofs"][dof][name]
 
 
 @pytest.mark.parametrize(
@@ -100,7 +102,7 @@ def without(*names):
 
 def changed(**values):
     def damage(run):
-        told = json.loads((run / "assessment.json").read_text())
+        written = json.loads((run / "assessment.json").read_text())
         (run / "assessment.json").write_text(json.dumps(told | values))
 
     return damage
@@ -147,7 +149,7 @@ def rows_of(table: str) -> dict[str, list[str]]:
 
 @pytest.mark.slow
 def test_what_is_read_of_one_part_agrees_from_assessing_to_positioning(cell, capsys):
-    told = json.loads((cell / "run" / "assessment.json").read_text())
+    written = json.loads((cell / "run" / "assessment.json").read_text())
     accuracy = read_model(cell / "model")[0]["accuracy"]
     capsys.readouterr()
     assert main(["info", str(cell / "model")]) == 0
@@ -155,17 +157,17 @@ def test_what_is_read_of_one_part_agrees_from_assessing_to_positioning(cell, cap
     assert max(map(len, out.splitlines())) <= 80
     rows = rows_of(out)
     assert list(rows) == list(DOFS)
-    for dof, row in told["dofs"].items():
+    for dof, row in written["dofs"].items():
         assert row["one_look"]["by"] == "keyframe"
         assert accuracy["rms"][dof] == pytest.approx(row["one_look"]["rms"], rel=1e-9)
         shown = (row["forecast_rms"], row["reached_rms"], row["one_look"]["rms"])
         shown = (*shown, row["loop"]["end_rms"])
         assert rows[dof][:4] == [f"{plain_number(value)} {row['unit']}" for value in shown]
-    assert accuracy["held_out"]["images"] == told["keyframe"]["n_read"]
+    assert accuracy["held_out"]["images"] == written["keyframe"]["n_read"]
     ends = []
     for seed in (1, 2, 3):
         assert main(["position", str(cell / "model"), "--seed", str(seed), "--json"]) == 0
         ends.append(json.loads(capsys.readouterr().out)["true_error"])
     for unit in ("mm", "deg"):
-        ratio = np.median([end[unit] for end in ends]) / told["loop"][f"end_{unit}"]
+        ratio = np.median([end[unit] for end in ends]) / written["loop"][f"end_{unit}"]
         assert 1 / 3 < ratio < 3
