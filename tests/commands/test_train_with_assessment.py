@@ -103,7 +103,7 @@ def without(*names):
 def changed(**values):
     def damage(run):
         written = json.loads((run / "assessment.json").read_text())
-        (run / "assessment.json").write_text(json.dumps(told | values))
+        (run / "assessment.json").write_text(json.dumps(written | values))
 
     return damage
 
