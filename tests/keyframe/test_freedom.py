@@ -8,8 +8,7 @@ from planar_cell import SIZE
 from servoscope.dofs import mask_of
 from servoscope.errors import InvalidInputError
 from servoscope.keyframe import CameraModel, Keyframe, next_displacements
-from servoscope.keyframe.freedom import Freedom
-from servoscope.keyframe.motion import exponential
+from servoscope.keyframe.motion import Freedom, exponential
 from servoscope.poses import (
     DOFS,
     displacements_from_poses,

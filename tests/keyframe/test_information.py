@@ -5,7 +5,7 @@ import pytest
 
 from servoscope import CameraModel, Keyframe
 from servoscope.keyframe import next_displacements
-from servoscope.keyframe.information import KeyframeInformation
+from servoscope.keyframe.next_images import KeyframeInformation
 from servoscope.poses import poses_from_displacements
 
 PIVOT = 0.5

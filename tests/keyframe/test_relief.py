@@ -3,10 +3,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from servoscope.keyframe.fitting import MOST_IMAGES, chosen_images
+from servoscope.keyframe.levels import correlation, spread_rotations
 from servoscope.keyframe.limit import cramer_rao, pixel_noise
 from servoscope.keyframe.motion import exponential
 from servoscope.keyframe.relief import semi_global_labels
-from servoscope.keyframe.starts import correlation, spread_rotations
 
 
 def test_labels_of_clear_costs_are_their_minima_to_a_fraction():

@@ -1,8 +1,8 @@
 from .alignment import Alignment as Alignment
 from .camera import CameraModel as CameraModel
-from .forecast import AccuracyForecast as AccuracyForecast
-from .forecast import forecast_accuracy as forecast_accuracy
+from .held_out import AccuracyForecast as AccuracyForecast
 from .held_out import Readings as Readings
+from .held_out import forecast_accuracy as forecast_accuracy
 from .held_out import read_held_out as read_held_out
 from .keyframe import Keyframe as Keyframe
 from .limit import ViewLimit as ViewLimit

@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 
 from servoscope.dofs import mask_of
 from servoscope.keyframe.camera import CameraModel
-from servoscope.keyframe.freedom import Freedom
-from servoscope.keyframe.levels import BEND, CUT, FAR, N_BLOCKS, PRIOR, Guess, Level
+from servoscope.keyframe.levels import BEND, CUT, FAR, N_BLOCKS, PRIOR, Guess, Level, View, evened
 from servoscope.keyframe.lighting import Light
-from servoscope.keyframe.motion import conjugate, exponential, logarithm
-from servoscope.keyframe.views import View, evened
+from servoscope.keyframe.motion import Freedom, conjugate, exponential, logarithm
 from servoscope.poses import inverse_transform
 
 Array = NDArray[np.float64]

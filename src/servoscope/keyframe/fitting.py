@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from servoscope.keyframe.adjustment import LEAST_INVERSE_DEPTH, Adjustment, Solution
+from servoscope.keyframe.adjustment import LEAST_INVERSE_DEPTH, Adjustment, Priors, Solution, State
 from servoscope.keyframe.camera import CameraModel
+from servoscope.keyframe.levels import View, correlation, spread_rotations
 from servoscope.keyframe.motion import conjugate
 from servoscope.keyframe.relief import semi_global_labels, sweep_costs
-from servoscope.keyframe.starts import correlation, spread_rotations
-from servoscope.keyframe.state import Priors, State
-from servoscope.keyframe.views import View
 from servoscope.poses import inverse_transform, rigid_transform
 
 Array = NDArray[np.float64]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from servoscope.dofs import check_dofs, mask_of
+from servoscope.keyframe.adjustment import Priors, observable, sees_translations
 from servoscope.keyframe.alignment import Aligner, Alignment
 from servoscope.keyframe.camera import CameraModel
 from servoscope.keyframe.checks import (
@@ -30,11 +31,10 @@ from servoscope.keyframe.fitting import (
     fit_state,
     turning_state,
 )
+from servoscope.keyframe.levels import View
 from servoscope.keyframe.limit import ViewLimit, pixel_noise, view_limit
 from servoscope.keyframe.motion import conjugate
 from servoscope.keyframe.rendering import Renderer
-from servoscope.keyframe.state import Priors, observable, sees_translations
-from servoscope.keyframe.views import View
 from servoscope.poses import DOFS, displacements_from_poses, inverse_transform
 from servoscope.processes import one_blas_thread
 

@@ -2,22 +2,186 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
+from scipy.spatial.transform import Rotation
 
+from servoscope.compiled import compiled
 from servoscope.keyframe.camera import CameraModel
-from servoscope.keyframe.freedom import Freedom
 from servoscope.keyframe.lighting import Light, LightGrid
-from servoscope.keyframe.motion import exponential
-from servoscope.keyframe.starts import correlation
-from servoscope.keyframe.views import View
-from servoscope.keyframe.warping import MOTION, N_ALIGNED, UNSEEN, linearise, sample
+from servoscope.keyframe.motion import Freedom, exponential
+from servoscope.keyframe.warping import MOTION, N_ALIGNED, UNSEEN, _look, linearise, sample
 
 Array = NDArray[np.float64]
+
+
+def spread_rotations(n: int) -> Array:
+    """The 24 turns of a cube and n rotations spread evenly, shape (24 + n, 3, 3).
+
+    The latter are a super-Fibonacci spiral (Alexa, CVPR 2022).
+    """
+    s = np.arange(n) + 0.5
+    phi, psi = np.sqrt(2.0), 1.533751168755204288118041
+    alpha, beta = 2 * np.pi * s / phi, 2 * np.pi * s / psi
+    r, R = np.sqrt(s / n), np.sqrt(1 - s / n)
+    xyzw = np.stack([r * np.sin(alpha), r * np.cos(alpha), R * np.sin(beta), R * np.cos(beta)], 1)
+    cube = Rotation.create_group("O").as_matrix()
+    order = np.argsort(Rotation.from_matrix(cube).magnitude(), kind="stable")
+    return np.concatenate([cube[order], Rotation.from_quat(xyzw).as_matrix()])
+
+
+@compiled(fastmath=True, error_model="numpy")
+def correlation(
+    image: NDArray[Any],
+    T: NDArray[Any],
+    camera: NDArray[Any],
+    aspect: float,
+    rays: NDArray[Any],
+    inverse_depth: NDArray[Any],
+    reference: NDArray[Any],
+) -> float:
+    """Correlation of an image with the reference, over the points that it sees.
+
+    Zero if it sees less than a quarter of them.
+
+    Parameters
+    ----------
+    image : array of shape (height, width), float32
+    T : array of shape (4, 4)
+        Reference camera to this camera.
+    camera : array of shape (5,)
+    aspect : float
+    rays : array of shape (n, 2), float32
+    inverse_depth, reference : arrays of shape (n,), float32
+
+    Returns
+    -------
+    float
+    """
+    n_points = rays.shape[0]
+    n, a, b, aa, bb, ab = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(n_points):
+        seen = _look(image, T, camera, aspect, rays[i, 0], rays[i, 1], inverse_depth[i])
+        if seen[0]:
+            grey, expected = seen[1], reference[i]
+            n += 1
+            a += grey
+            b += expected
+            aa += grey * grey
+            bb += expected * expected
+            ab += grey * expected
+    if 4 * n < n_points:
+        return 0.0
+    return (ab - a * b / n) / np.sqrt((aa - a * a / n) * (bb - b * b / n) + 1e-6)
+
+
 Floats = NDArray[np.float32]
+
+_FAINT = 8.0
+"""Deviation that is small beside noise and shades, [grey]."""
+
+
+def prepare(image: NDArray[np.generic], width: int, sigma: float) -> Floats:
+    """The image at a width, its height in proportion, blurred by `sigma` of the new pixels."""
+    height = level_height(image.shape, width)
+    grey: NDArray[Any] = np.asarray(image, dtype=np.float32)
+    if image.shape[1] != width:
+        grey = cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA)
+    if sigma > 0:
+        grey = cv2.GaussianBlur(grey, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+    return np.ascontiguousarray(grey)
+
+
+def evened(grey: Floats, share: float = 0.1) -> Floats:
+    """What is finer than a share of the width, in units of its deviation nearby.
+
+    It is free of light that varies slowly, and bounded, so that what covers a part of the view
+    changes no more than that part. As large as grey levels: two deviations are 60.
+    """
+    sigma = share * grey.shape[1]
+    fine = grey - cv2.GaussianBlur(grey, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+    square = cv2.GaussianBlur(fine * fine, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+    ratio = fine / (np.sqrt(square) + np.float32(_FAINT))
+    return np.asarray(30 * ratio.clip(-2, 2), dtype=np.float32)
+
+
+def level_height(shape: tuple[int, ...], width: int) -> int:
+    """Height of an image of `shape` (height, width) when it is made `width` wide, [px]."""
+    return max(2, round(width * shape[0] / shape[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """The reference image at one resolution.
+
+    Parameters
+    ----------
+    grey : ndarray of shape (height, width), float32
+    aspect : float
+        Height over width of the full image.
+    sigma : float
+        Blur that other images are to be prepared with, [px].
+    """
+
+    grey: Floats
+    aspect: float
+    sigma: float
+    width: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "width", self.grey.shape[1])
+
+    @classmethod
+    def of(cls, image: NDArray[np.generic], width: int, sigma: float) -> View:
+        """The view of a full image."""
+        return cls(prepare(image, width, sigma), image.shape[0] / image.shape[1], sigma)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width, [px]."""
+        return self.grey.shape[0], self.grey.shape[1]
+
+    @cached_property
+    def points(self) -> NDArray[np.float64]:
+        """Where the pixels are, [image widths] from the middle, shape (n, 2)."""
+        height, width = self.shape
+        x = (np.arange(width) + 0.5) / width - 0.5
+        y = ((np.arange(height) + 0.5) / height - 0.5) * self.aspect
+        return np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1).reshape(-1, 2)
+
+    @cached_property
+    def slopes(self) -> Floats:
+        """To the right and down, [grey / image width], shape (n, 2)."""
+        down, right = np.gradient(self.grey)
+        height, width = self.shape
+        slopes = right * width, down * height / self.aspect
+        return np.stack(slopes, axis=-1).reshape(-1, 2).astype(np.float32)
+
+    @cached_property
+    def laplacian(self) -> Floats:
+        """[grey], shape (n,)."""
+        bent = cv2.Laplacian(self.grey, cv2.CV_32F, borderType=cv2.BORDER_REPLICATE)
+        return np.asarray(bent.ravel(), dtype=np.float32)
+
+    def prepare(self, image: NDArray[np.generic]) -> Floats:
+        """Another image at this resolution."""
+        return prepare(image, self.width, self.sigma)
+
+    def resize(self, field: NDArray[Any]) -> Floats:
+        """A field over the reference image, brought to this resolution, shape (height, width)."""
+        field = np.asarray(field, dtype=np.float32)
+        if field.shape == self.shape:
+            return field
+        how = cv2.INTER_AREA if field.shape[1] > self.width else cv2.INTER_LINEAR
+        resized = cv2.resize(field, self.shape[::-1], interpolation=how)
+        return np.asarray(resized, dtype=np.float32)
+
 
 BEND = 2.5
 """Residuals of this many standard deviations count a quarter."""

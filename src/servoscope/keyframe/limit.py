@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.keyframe.camera import CameraModel
-from servoscope.keyframe.levels import PRIOR
-from servoscope.keyframe.views import View
+from servoscope.keyframe.levels import PRIOR, View
 from servoscope.keyframe.warping import N_ALIGNED, linearise
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 

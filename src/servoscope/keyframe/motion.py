@@ -1,4 +1,4 @@
-"""Small motions: twists, their exponentials, and how they change with the frame.
+"""Small motions, how they change with the frame, and those that a robot of some dofs can make.
 
 A twist is ``(v, w)``: a translation in metres and a rotation vector in radians. It moves a point q
 by ``v + w x q`` to first order.
@@ -6,11 +6,16 @@ by ``v + w x q`` to first order.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+from math import asin, atan2, cos, sin
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from servoscope.poses import inverse_transform, rigid_transform
+from servoscope.dofs import mask_of
+from servoscope.poses import DOFS, displacements_from_poses, inverse_transform, rigid_transform
 
 Array = NDArray[np.float64]
 
@@ -73,3 +78,116 @@ def displacement_by_twist(D_pivot: ArrayLike) -> Array:
         [0, s / np.cos(ry), c / np.cos(ry)],
     ]
     return out
+
+
+@dataclass(frozen=True, eq=False)
+class Freedom:
+    """Motions of a camera that some degrees of freedom of the reported frame make.
+
+    Parameters
+    ----------
+    mount : ndarray of shape (4, 4)
+        Camera coordinates to those of the frame whose poses are reported, [m].
+    pivot : float
+        Along z of that frame, [m].
+    dofs : tuple of str
+    """
+
+    mount: Array
+    pivot: float
+    dofs: tuple[str, ...] = DOFS
+
+    @property
+    def is_full(self) -> bool:
+        """Whether there are all six."""
+        return self.dofs == DOFS
+
+    def turning(self) -> Freedom:
+        """The rotations alone; about the frame's origin if there are translations to be left out.
+
+        For views so far away that translations are not seen.
+        """
+        turning = tuple(dof for dof in self.dofs if dof.startswith("r"))
+        return self if turning == self.dofs else Freedom(self.mount, 0.0, turning)
+
+    def delta_p(self, T: Array) -> Array:
+        """The displacement about the pivot of a motion of the camera, (6,); 0 in other dofs.
+
+        Parameters
+        ----------
+        T : ndarray of shape (4, 4)
+            Reference camera to this camera.
+        """
+        if self.is_full:
+            return displacements_from_poses(np.eye(4), self.displacement(T)[None], self.pivot)[0]
+        D = self._about_pivot @ inverse_transform(T) @ self._from_pivot
+        turn = atan2(D[2, 1], D[2, 2]), -asin(min(1.0, max(-1.0, D[2, 0]))), atan2(D[1, 0], D[0, 0])
+        return np.where(self._mask, [*D[:3, 3], *turn], 0.0)
+
+    def displacement(self, T: Array) -> Array:
+        """The displacement of the reported frame, (4, 4), [m]."""
+        if self.is_full:
+            return conjugate(inverse_transform(self.mount), inverse_transform(T))
+        P = rigid_transform(np.eye(3), [0.0, 0.0, self.pivot])
+        return np.asarray(P @ _displaced(self.delta_p(T)) @ inverse_transform(P))
+
+    def nearest(self, T: Array) -> Array:
+        """The motion with the other dofs left out, (4, 4)."""
+        if self.is_full:
+            return T
+        back = inverse_transform(_displaced(self.delta_p(T)))
+        return np.asarray(self._from_pivot @ back @ self._about_pivot)
+
+    def by_twist(self, displacement: Array) -> Array:
+        """Derivative of the displacement about the pivot by a twist before T, shape (6, 6)."""
+        P = rigid_transform(np.eye(3), [0.0, 0.0, self.pivot])
+        return -displacement_by_twist(conjugate(P, displacement)) @ self._adjoint
+
+    def twists(self, T: Array) -> Array:
+        """Twists before T that displace in one dof each, shape (6, n_dofs).
+
+        Of the rotations ``R = Rz(rz) Ry(ry) Rx(rx)`` each turns about an axis of its own.
+        """
+        if self.is_full:
+            return np.eye(6)
+        _, _, _, rx, ry, _ = delta_p = self.delta_p(T)
+        behind = np.zeros((6, 6))
+        behind[:3, :3] = _displaced(delta_p)[:3, :3].T
+        sx, cx, sy, cy = sin(rx), cos(rx), sin(ry), cos(ry)
+        behind[3:, 3:] = [[1, 0, -sy], [0, cx, sx * cy], [0, -sx, cx * cy]]
+        return np.asarray(-self._inverse_adjoint @ behind[:, self._mask])
+
+    @cached_property
+    def _mask(self) -> NDArray[np.bool_]:
+        return mask_of(self.dofs)
+
+    @cached_property
+    def _about_pivot(self) -> Array:
+        """Camera coordinates to those about the pivot."""
+        return rigid_transform(np.eye(3), [0.0, 0.0, -self.pivot]) @ self.mount
+
+    @cached_property
+    def _from_pivot(self) -> Array:
+        return inverse_transform(self._about_pivot)
+
+    @cached_property
+    def _adjoint(self) -> Array:
+        return adjoint(self._about_pivot)
+
+    @cached_property
+    def _inverse_adjoint(self) -> Array:
+        return adjoint(self._from_pivot)
+
+
+def _displaced(delta_p: Array) -> Array:
+    """The motion of six numbers, (4, 4)."""
+    tx, ty, tz, rx, ry, rz = delta_p
+    sx, cx, sy, cy, sz, cz = sin(rx), cos(rx), sin(ry), cos(ry), sin(rz), cos(rz)
+    return np.array(
+        [
+            [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx, tx],
+            [sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx, ty],
+            [-sy, cy * sx, cy * cx, tz],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from servoscope.compiled import compiled
 from servoscope.keyframe.camera import CameraModel
-from servoscope.keyframe.views import View
+from servoscope.keyframe.levels import View
 
 JUMP = 0.03
 """Neighbours whose inverse depths differ by a larger share belong to different surfaces."""

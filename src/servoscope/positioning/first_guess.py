@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from servoscope.kernels.gaussian import squared_distances
 from servoscope.keyframe import Keyframe
+from servoscope.keyframe.levels import evened
 from servoscope.keyframe.rendering import continued
-from servoscope.keyframe.views import evened
 from servoscope.poses import displacements_from_poses, poses_from_displacements
 from servoscope.positioning.interfaces import Array, Image
 from servoscope.processes import one_blas_thread

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from servoscope.errors import ServoscopeWarning
 from servoscope.keyframe import Keyframe
 from servoscope.keyframe.fitting import evenly_spread
+from servoscope.keyframe.levels import View
 from servoscope.keyframe.rendering import JUMP, project
-from servoscope.keyframe.views import View
 from servoscope.keyframe.warping import UNSEEN, sample
 from servoscope.poses import inverse_transform
 from servoscope.positioning.interfaces import Array, Image

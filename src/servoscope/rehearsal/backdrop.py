@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from servoscope.keyframe import Keyframe
 from servoscope.keyframe.camera import CameraModel
-from servoscope.keyframe.views import View, prepare
+from servoscope.keyframe.levels import View, prepare
 from servoscope.rehearsal.sampling import sample_at
 
 Array = NDArray[np.float64]

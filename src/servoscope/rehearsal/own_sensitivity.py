@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from servoscope.errors import InvalidInputError
 from servoscope.keyframe.camera import CameraModel
-from servoscope.keyframe.views import View
+from servoscope.keyframe.levels import View
 from servoscope.poses import (
     DISPLAY_FACTORS,
     displacements_from_poses,

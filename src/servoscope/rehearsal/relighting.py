@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from servoscope.keyframe import Keyframe
-from servoscope.keyframe.views import View
+from servoscope.keyframe.levels import View
 from servoscope.rehearsal.sampling import sample_at
 from servoscope.scene.lighting import Lighting
 from servoscope.scene.scene import STANDOFF, T_WORLD_REF

@@ -14,8 +14,8 @@ from scipy.optimize import brentq
 from servoscope.errors import ModelError
 from servoscope.keyframe import Keyframe
 from servoscope.keyframe.fitting import view_shifts
+from servoscope.keyframe.levels import View
 from servoscope.keyframe.motion import conjugate
-from servoscope.keyframe.views import View
 from servoscope.poses import (
     DISPLAY_FACTORS,
     DOFS,
