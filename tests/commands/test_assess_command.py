@@ -14,7 +14,6 @@ from servoscope.pipeline import PosePipeline
 from servoscope.poses import DISPLAY_FACTORS, DOFS, poses_from_displacements
 from servoscope.storage.run_folder import open_run_folder, read_json
 from servoscope.study import Study, StudyConfig
-from servoscope.study.run import fingerprint
 from small_study import make_small
 
 FAMILIES = ("--families", "moments,log_polar")
@@ -87,7 +86,7 @@ def test_the_pipeline_of_the_choice_is_saved_with_what_is_known_of_it(tmp_path):
     assert (summary["protocols"], summary["assessed"]["regressors"]) == ({}, [])
     pipeline = PosePipeline.load(run / "models" / "pipeline")
     told = pipeline.describe()
-    assert told["fingerprint"] == fingerprint(PoseImageSet.load(tmp_path / "data"))
+    assert told["fingerprint"] == PoseImageSet.load(tmp_path / "data").fingerprint()
     assert len(told["groups"]) == 80
     units = dict(zip(DOFS, DISPLAY_FACTORS, strict=True))
     for dof, row in summary["assessment"].items():

@@ -16,7 +16,6 @@ from servoscope.errors import DataSetError
 from servoscope.pipeline import PosePipeline
 from servoscope.poses import DOFS, poses_from_displacements
 from servoscope.storage.model_folder import read_model
-from servoscope.study.run import fingerprint
 from servoscope.wording import plain_number
 
 
@@ -63,7 +62,7 @@ def test_the_split_and_the_groups_are_those_of_the_assessment(assessed, monkeypa
         found.groups[found.pipeline.split_.learned]
     )
     written = json.loads((assessed / "run" / "assessment.json").read_text())
-    assert found.record["fingerprint"] == fingerprint(data)
+    assert found.record["fingerprint"] == data.fingerprint()
     assert found.record["loop"] == written["loop"]
     for dof, row in found.record["dofs"].items():
         assert row["recipe"]["features"] == "moments"

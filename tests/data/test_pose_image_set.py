@@ -506,3 +506,18 @@ def _at(delta_p: np.ndarray) -> PoseImageSet:
         np.zeros((4, 4), np.uint8),
         pivot=0.55,
     )
+
+
+def test_a_fingerprint_is_of_images_poses_and_reference(tmp_path):
+    data = make(4)
+    assert data.fingerprint() == make(4).fingerprint()
+    data.save(tmp_path / "data")
+    assert PoseImageSet.load(tmp_path / "data").fingerprint() == data.fingerprint()
+    others = [
+        data.subset(np.arange(3)),
+        dataclasses.replace(data, images=255 - data.images),
+        dataclasses.replace(data, reference_image=255 - data.reference_image),
+        dataclasses.replace(data, pivot=0.1),
+        dataclasses.replace(data, times=np.arange(4.0)),
+    ]
+    assert len({one.fingerprint() for one in [data, *others]}) == 6

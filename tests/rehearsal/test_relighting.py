@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rehearsal_sample import keyframe
-from servoscope.rehearsal.relighting import light_change
+from servoscope.rehearsal.rendered_cell import light_change
 from servoscope.scene.lighting import Lighting, PointLight
 
 ABOVE = Lighting((PointLight((0.0, 0.0, 1.0), 1.0),), ambient=0.0)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from rehearsal_sample import PIVOT, RANGES, displacements, keyframe, model, plate
 from servoscope.poses import inverse_transform, poses_from_displacements, rigid_transform
-from servoscope.rehearsal.backdrop import Backdrop
+from servoscope.rehearsal.rendered_cell import Backdrop
 from servoscope.rehearsal.true_view import OwnErrors, TrueView, relief_error, shifts
 
 CROOKED = rigid_transform(

@@ -24,7 +24,6 @@ from servoscope.files import write_json
 from servoscope.pipeline import PosePipeline
 from servoscope.poses import DISPLAY_UNITS, DOFS
 from servoscope.storage.run_folder import RunFolder, read_json
-from servoscope.study.run import fingerprint
 
 Errors = Mapping[str, float]
 
@@ -61,7 +60,7 @@ def run_assessment(
                 found.data.save(place)
         write_json(path, as_json(found, tolerances, label_errors))
 
-    inputs = {"data": fingerprint(data), "settings": run.settings}
+    inputs = {"data": data.fingerprint(), "settings": run.settings}
     run.run_stage("decision", inputs, make, [path.name])
     return read_json(path)
 
@@ -81,7 +80,7 @@ def _save(
     pipeline: PosePipeline, models: Path, data: PoseImageSet, groups: NDArray[np.intp]
 ) -> None:
     """Save the pipeline of the choice with the data that it is of, unless it cannot be saved."""
-    pipeline.record_ |= {"fingerprint": fingerprint(data), "groups": groups.tolist()}
+    pipeline.record_ |= {"fingerprint": data.fingerprint(), "groups": groups.tolist()}
     models.mkdir(exist_ok=True)
     try:
         pipeline.save(models / "pipeline", force=True)

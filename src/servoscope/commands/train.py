@@ -180,7 +180,6 @@ def read_assessment(run: Path, data: PoseImageSet) -> Assessed:
     from servoscope.positioning.training import Assessed
     from servoscope.storage.model_folder import is_model
     from servoscope.storage.run_folder import read_json, read_settings
-    from servoscope.study.run import fingerprint
 
     if read_settings(run).get("command") != "assess" or not (run / "assessment.json").exists():
         raise RunFolderError(
@@ -193,7 +192,7 @@ def read_assessment(run: Path, data: PoseImageSet) -> Assessed:
         )
     pipeline = PosePipeline.load(run / "models" / "pipeline")
     found = read_json(run / "assessment.json")
-    own, known = fingerprint(data), pipeline.record_.get("fingerprint")
+    own, known = data.fingerprint(), pipeline.record_.get("fingerprint")
     if known != own:
         raise InvalidInputError(
             f"{run} is an assessment of another data set (fingerprint {known}, that of this one is "

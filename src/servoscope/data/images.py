@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -151,6 +152,15 @@ class PoseImageSet:
         else:
             ranges = displacement_ranges(self.pivot_ranges, self.pivot, displacement)
         return np.where(ranges > 1e-9, ranges, 1.0)
+
+    def fingerprint(self) -> str:
+        """A hash of the images, their poses and times, and the reference: 16 hexadecimal digits."""
+        content = hashlib.sha256()
+        for array in (self.images, self.T_world_cam, self.T_world_ref, self.reference_image):
+            content.update(np.ascontiguousarray(array).data)
+        times = None if self.times is None else self.times.tolist()
+        content.update(repr((self.pivot, self.split, times, self.ranges().tolist())).encode())
+        return content.hexdigest()[:16]
 
     def subset(self, indices: NDArray[np.integer]) -> PoseImageSet:
         """The images of some indices, in their order; all else is kept.

@@ -166,6 +166,7 @@ def train(
     else:
         model = _first_of_use(keyframe, features)
     check_observable(model.accuracy["error_shares"])
+    model.trained_on["fingerprint"] = data.fingerprint()
     if assessment is not None:
         model.accuracy["assessment"] = assessment.record
     if on_progress is not None:

@@ -24,7 +24,7 @@ from servoscope.poses import (
     poses_from_displacements,
 )
 from servoscope.positioning.keyframe_model import KeyframeModel
-from servoscope.rehearsal.backdrop import Backdrop
+from servoscope.rehearsal.rendered_cell import Backdrop
 
 Array = NDArray[np.float64]
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from servoscope import __version__
 from servoscope.acquisition import AcquisitionConfig, acquire
@@ -15,7 +16,21 @@ from servoscope.processes import one_blas_thread
 from servoscope.progress import ProgressBar
 from servoscope.scoreboard.methods import LEARNERS, make_photometric
 from servoscope.scoreboard.plan import Plan
-from servoscope.scoreboard.stages import Stages
+
+
+class Stages(Protocol):
+    """A folder that remembers which stages are finished."""
+
+    path: Path
+
+    def run_stage(
+        self, name: str, inputs: Any, make: Callable[[], object], outputs: Sequence[str] = ()
+    ) -> None:
+        """Call ``make()``, unless it was called for the same inputs and has left its outputs."""
+
+    def timings(self) -> dict[str, float]:
+        """How long each stage took, and ``total``, [s]."""
+
 
 _DATA_SET = ("meta.json", "images.zarr")
 

@@ -18,10 +18,9 @@ from servoscope.positioning import Estimator
 from servoscope.processes import in_processes
 from servoscope.progress import ProgressBar, no_progress
 from servoscope.scoreboard.conditions import CONDITIONS, SCENES
-from servoscope.scoreboard.factory import Factory
+from servoscope.scoreboard.factory import Factory, Stages
 from servoscope.scoreboard.methods import loop_settings
 from servoscope.scoreboard.plan import Plan
-from servoscope.scoreboard.stages import Stages
 from servoscope.scoreboard.summary import summarise
 from servoscope.scoreboard.targets import check_targets
 from servoscope.scoreboard.trial import Trial, run_start

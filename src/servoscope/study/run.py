@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import asdict
 from functools import cached_property, partial
 from typing import Any
@@ -96,7 +95,7 @@ class Study:
     def inputs(self) -> dict[str, Any]:
         """What every stage depends on."""
         return {
-            "data": fingerprint(self.data),
+            "data": self.data.fingerprint(),
             "config": asdict(self.config),
             **({} if self.given is None else {"test": self.given.test.tolist()}),
             "servoscope": __version__,
@@ -273,13 +272,3 @@ def check_data(data: PoseImageSet, config: StudyConfig) -> None:
                 f"A study needs more than {N_EIGENVECTORS} images that train, to find as many "
                 f"eigenvectors; of the {len(data)} only {n_train} do. Use more images."
             )
-
-
-def fingerprint(data: PoseImageSet) -> str:
-    """A hash of everything in a data set that a study depends on."""
-    content = hashlib.sha256()
-    for array in (data.images, data.T_world_cam, data.T_world_ref, data.reference_image):
-        content.update(np.ascontiguousarray(array).data)
-    times = None if data.times is None else data.times.tolist()
-    content.update(repr((data.pivot, data.split, times, data.ranges().tolist())).encode())
-    return content.hexdigest()[:16]
