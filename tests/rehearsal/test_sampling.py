@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from servoscope.keyframe import CameraModel
-from servoscope.rehearsal.rendered_cell import sample_at
+from servoscope.rehearsal.true_view import sample_at
 
 RAMP = np.arange(6.0)[None].repeat(4, axis=0)
 

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from rehearsal_sample import PIVOT, RANGES, displacements, keyframe, model, plate
 from servoscope.poses import inverse_transform, poses_from_displacements, rigid_transform
-from servoscope.rehearsal.rendered_cell import Backdrop
-from servoscope.rehearsal.true_view import OwnErrors, TrueView, relief_error, shifts
+from servoscope.rehearsal.true_view import Backdrop, OwnErrors, TrueView, relief_error, shifts
 
 CROOKED = rigid_transform(
     Rotation.from_euler("zyx", [70, -10, 150], degrees=True).as_matrix(), [0.03, -0.02, 0.05]

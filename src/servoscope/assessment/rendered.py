@@ -24,8 +24,14 @@ from servoscope.keyframe.motion import conjugate
 from servoscope.poses import inverse_transform, poses_from_displacements
 from servoscope.processes import in_processes, one_blas_thread
 from servoscope.progress import ProgressBar, no_progress
-from servoscope.rehearsal.rendered_cell import Backdrop
-from servoscope.rehearsal.true_view import WIDEST, OwnErrors, TrueView, relief_error, shifts
+from servoscope.rehearsal.true_view import (
+    WIDEST,
+    Backdrop,
+    OwnErrors,
+    TrueView,
+    relief_error,
+    shifts,
+)
 from servoscope.selection import Forecast
 from servoscope.selection.rms_interval import rms_interval
 

@@ -21,8 +21,9 @@ from servoscope.poses import (
     poses_from_displacements,
 )
 from servoscope.processes import in_processes, one_blas_thread
-from servoscope.rehearsal.rendered_cell import sample_at, view_of_start
+from servoscope.rehearsal.rendered_cell import view_of_start
 from servoscope.rehearsal.run import Rehearsal
+from servoscope.rehearsal.true_view import sample_at
 from servoscope.scene.disturbances import (
     DISTURBANCES,
     REFERENCE_WIDTH,

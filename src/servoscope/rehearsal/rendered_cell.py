@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from copy import copy
-from typing import Any
-
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from servoscope.keyframe import Keyframe
-from servoscope.keyframe.camera import CameraModel
-from servoscope.keyframe.levels import View, prepare
-from servoscope.keyframe.rendering import project
+from servoscope.keyframe.levels import View
 from servoscope.poses import poses_from_displacements
 from servoscope.positioning.keyframe_model import KeyframeModel
-from servoscope.rehearsal.true_view import OwnErrors, TrueView
+from servoscope.rehearsal.true_view import OwnErrors, TrueView, sample_at
 from servoscope.robots.free_camera import FreeMotion
 from servoscope.robots.registry import LateImages, SimulatedRobot
 from servoscope.scene.disturbances import added_noise
@@ -28,90 +22,6 @@ from servoscope.scoreboard.conditions import CONDITIONS, Condition
 
 Array = NDArray[np.float64]
 
-_LEAST = 0.2
-_WIDER = 2
-_NEAREST, _WHOLLY = 0.05, 0.99
-
-
-class Backdrop:
-    """A plane through the relief, on which the reference image goes on, mirrored at its edges.
-
-    So it moves as a part does when the camera moves, has the texture and the grey levels of the
-    view, joins it without an edge, and shows nothing that the keyframe could be aligned with.
-
-    Parameters
-    ----------
-    keyframe : Keyframe
-    width : int
-        Of its images, [px].
-    """
-
-    def __init__(self, keyframe: Keyframe, width: int) -> None:
-        self.camera = keyframe.camera
-        self.view = View.of(keyframe.reference_image, width, 0.0)
-        rays, _ = self.camera.rays(self.view.points)
-        self.rays = np.column_stack([rays, np.ones(len(rays))])
-        depth = self.view.resize(keyframe.inverse_depth).ravel().astype(float)
-        trust = self.view.resize(keyframe.trust).ravel().astype(float) + 1e-3
-        rows = np.sqrt(trust)[:, None]
-        self.plane = np.linalg.lstsq(self.rays * rows, depth * rows[:, 0], rcond=None)[0]
-        self._image, self._image_camera = self.view.grey, self.camera
-
-    def shown_in(self, images: Iterable[tuple[NDArray[Any], Array]]) -> Backdrop:
-        """The backdrop as other images show it beside the reference view.
-
-        Parameters
-        ----------
-        images : iterable of (ndarray, ndarray)
-            Real images, each with the motion of the camera to where it was taken (4, 4); the
-            earlier come first.
-
-        Returns
-        -------
-        Backdrop
-            Still mirrored where none of them shows it.
-        """
-        height, width = self.view.shape
-        f, cx, cy = self.camera.values[:3] / _WIDER
-        wide = CameraModel(f, cx, cy)
-        canvas = View.of(np.zeros((_WIDER * height, _WIDER * width)), _WIDER * width, 0.0)
-        rays = np.column_stack([wide.rays(canvas.points)[0], np.ones(len(canvas.points))])
-        slope = np.maximum(rays @ self.plane, _LEAST * self.plane[2])
-        points = rays / slope[:, None]
-        mirrored = points.reshape(*canvas.shape, 3)
-        grey = sample_at(self.view.grey, self.camera, mirrored, cv2.BORDER_REFLECT)
-        unknown = np.ones(canvas.shape, bool)
-        for image, T in ((self.view.grey, np.eye(4)), *images):
-            at = (points @ T[:3, :3].T + T[:3, 3]).reshape(*canvas.shape, 3)
-            small = prepare(image, width, 0.0)
-            shown = sample_at(np.ones_like(small), self.camera, at, cv2.BORDER_CONSTANT) > _WHOLLY
-            shown &= unknown & (at[..., 2] > _NEAREST)
-            grey[shown] = sample_at(small, self.camera, at, cv2.BORDER_CONSTANT)[shown]
-            unknown &= ~shown
-        other = copy(self)
-        other._image, other._image_camera = grey, wide
-        return other
-
-    def render(self, T: Array) -> NDArray[np.uint8]:
-        """What is seen of it after a motion of the camera.
-
-        A point ``X`` of the plane has ``n . X = 1`` in the reference camera; the ray ``r`` of a
-        camera at ``X' = R X + t`` meets it at ``X' = s r`` with
-        ``s = (1 + n . R^T t) / (n . R^T r)``.
-
-        Parameters
-        ----------
-        T : ndarray of shape (4, 4)
-            Reference camera to this camera.
-        """
-        R, t = T[:3, :3], T[:3, 3]
-        slope = self.rays @ (R @ self.plane)
-        s = (1 + self.plane @ R.T @ t) / np.maximum(slope, _LEAST * self.plane[2])
-        points = ((s[:, None] * self.rays - t) @ R).reshape(*self.view.shape, 3)
-        image = sample_at(self._image, self._image_camera, points, cv2.BORDER_REFLECT)
-        return np.rint(image).astype(np.uint8)
-
-
 WIDTH = 128
 """Of the image that light is computed on, [px]."""
 
@@ -120,7 +30,7 @@ FACET = 6.0
 
 _N_STEPS = 48
 _LONGEST_SHADOW = 0.5
-_CLEARANCE = 0.015
+_CLEARANCE, _NEAREST = 0.015, 0.05
 _MOST = 3.0
 
 
@@ -192,48 +102,6 @@ class _Surface:
             there = sample_at(self.depth, self.camera, points, cv2.BORDER_REPLICATE)
             lit[(z > _NEAREST) & (there < z - _CLEARANCE * STANDOFF)] = 0.0
         return np.asarray(cv2.GaussianBlur(lit, (0, 0), 0.7))
-
-
-def sample_at(image: NDArray[Any], camera: CameraModel, points: Array, border: int) -> NDArray[Any]:
-    """The image where a camera sees points, interpolated.
-
-    Parameters
-    ----------
-    image : ndarray of shape (height, width)
-    camera : CameraModel
-        That took it.
-    points : ndarray of shape (rows, columns, 3)
-        Before the camera, of any scale.
-    border : int
-        Of OpenCV: how the image goes on beyond its edges, up to its size; points farther off are
-        seen there.
-
-    Returns
-    -------
-    ndarray of shape (rows, columns)
-
-    Examples
-    --------
-    A point on the axis is seen in the middle, between the four pixels of a small image:
-
-    >>> image = np.array([[0.0, 2.0], [4.0, 6.0]])
-    >>> sample_at(image, CameraModel(1.0), np.array([[[0.0, 0.0, 3.0]]]), cv2.BORDER_REFLECT)
-    array([[3.]])
-    """
-    shape, (height, width) = points.shape[:2], image.shape
-    flat = points.reshape(-1, 3)
-    z = np.maximum(flat[:, 2], 1e-3)
-    seen = np.empty(flat.shape)
-    project(np.eye(4), camera.values, height / width, flat[:, :2] / z[:, None], 1 / z, seen)
-    column = _pixels((seen[:, 0] + 0.5) * width - 0.5, width).reshape(shape)
-    row = _pixels((seen[:, 1] * width / height + 0.5) * height - 0.5, height).reshape(shape)
-    return np.asarray(cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=border))
-
-
-def _pixels(at: Array, size: int) -> NDArray[np.float32]:
-    """Finite and not far away: OpenCV walks back from there, one image after the other."""
-    near = np.clip(np.nan_to_num(at), -size, 2 * size)
-    return np.asarray(near, dtype=np.float32)
 
 
 _VIEWS = 31
