@@ -80,7 +80,7 @@ def write_run_page(path: Path, run: RunData, files: list[FigureFile]) -> Path:
     n_images = f"{run.summary['dataset']['n_images']} images of {width} × {height} px"
     sections = []
     if run.assessed is not None:
-        shown = [figures[f"{kind}"] for kind in ("reach", "budgets", "behind") if kind in figures]
+        shown = [figures[kind] for kind in ("reach", "budgets", "behind") if kind in figures]
         sections.append(assessment_section(run.assessed, shown))
         lead = (
             "How accurately each degree of freedom of the camera can be read from an image, what "
