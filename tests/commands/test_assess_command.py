@@ -20,11 +20,11 @@ FAMILIES = ("--families", "moments,log_polar")
 KEYS = {"forecast_rms", "interval", "reached_rms", "unit", "limited_by", "best_features", "advice"}
 
 
-def assess(data, folder: Path, *options: str) -> tuple[int, Path]:
+def assess(data, folder: Path, *options: str, jobs: str = "1") -> tuple[int, Path]:
     data.save(folder / "data")
     run = folder / "run"
     command = ["assess", str(folder / "data"), "--out", str(run), "--families", "moments"]
-    return main([*command, "--protocol", "honest", "--jobs", "1", *options]), run
+    return main([*command, "--protocol", "honest", "--jobs", jobs, *options]), run
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -48,7 +48,7 @@ ASKED = (*FAMILIES, "--study", "--want", "t=1mm,rz=60deg")
 def finished(tmp_path_factory):
     """A run with a study."""
     folder = tmp_path_factory.mktemp("assess")
-    code, run = assess(planar_data_set(144, 24), folder, *ASKED)
+    code, run = assess(planar_data_set(144, 24), folder, *ASKED, jobs="2")
     assert code == 0
     return run
 
