@@ -7,14 +7,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servoscope.assessment.advice import Findings, advise
-from servoscope.assessment.budget import ErrorBudget, share_out
 from servoscope.assessment.verdict import (
     REPEATING,
     UNPREDICTED,
     VIEW,
+    ErrorBudget,
     conclude,
     grade,
     name_limit,
+    share_out,
 )
 from servoscope.poses import DOFS
 

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from planar import planar_data_set
-from servoscope.assessment.image_facts import describe_images
-from servoscope.assessment.repetition import find_repetition
+from servoscope.assessment.image_facts import describe_images, find_repetition
 from servoscope.data.pixel_noise import estimate_pixel_noise
 
 

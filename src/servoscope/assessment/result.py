@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.assessment.advice import Findings, advise
-from servoscope.assessment.budget import share_out
 from servoscope.assessment.disturbed import TITLES
 from servoscope.assessment.outcome import Assessment
 from servoscope.assessment.verdict import (
@@ -21,9 +20,9 @@ from servoscope.assessment.verdict import (
     grade,
     is_met,
     name_limit,
+    share_out,
 )
 from servoscope.assessment.view import ViewFindings
-from servoscope.assessment.what_if import inner_rms
 from servoscope.features.catalogue import title_of
 from servoscope.pipeline import Fitted
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
@@ -33,6 +32,11 @@ from servoscope.selection.rms_interval import effective_groups, rms_ratio_interv
 TIMES = (1, 2, 5, 10)
 """Numbers of images, in those there are, at which the learning curve is given."""
 
+
+Array = NDArray[np.float64]
+
+INNER = 0.5
+"""Share of the range within which the inner error is taken."""
 
 LEAST_TESTED, CLEARLY_LESS = 30, 0.9
 
@@ -298,6 +302,20 @@ def _period_of_errors(found: Assessment, dof: str, scale: float, observable: str
     near = np.abs(large - period) < _NEAR_PERIOD * period
     is_cluster = len(large) >= _LEAST_LARGE and near.mean() > _MOST_OF_LARGE
     return period_px if is_cluster else None
+
+
+def inner_rms(residuals: Array, targets: Array) -> float | None:
+    """RMS of the residuals where a target is within half its range; None where hardly any is.
+
+    Parameters
+    ----------
+    residuals, targets : ndarrays of shape (n,)
+        In units of the range.
+    """
+    inner = np.abs(targets) <= INNER
+    if np.count_nonzero(inner) < 20:
+        return None
+    return float(np.sqrt(np.mean(residuals[inner] ** 2)))
 
 
 def _scaled(value: float | None, scale: float) -> float | None:

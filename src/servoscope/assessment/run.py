@@ -15,7 +15,6 @@ from servoscope.assessment.image_facts import ImageFacts, describe_images
 from servoscope.assessment.outcome import Assessment
 from servoscope.assessment.rendered import Sample, sample_images
 from servoscope.assessment.view import Begun, ViewFindings, begin_view, finish_view
-from servoscope.assessment.what_if import crop_centre
 from servoscope.data.images import PoseImageSet
 from servoscope.data.splits import Split
 from servoscope.dofs import mask_of
@@ -54,6 +53,9 @@ MIXES = (
 
 N_FOLDS = 3
 """Parts of the images without which learned features are fitted anew, for their forecast."""
+
+KEPT = 0.8
+"""Share of each side of the view that is kept when its border is cut away."""
 
 Choice = dict[str, str]
 """The candidate that is chosen for each dof that moves."""
@@ -406,3 +408,16 @@ class _Course:
 def _learning_curve(X: Array, y: Array, groups: Array | None, poses: Array) -> LearningCurve:
     with one_blas_thread():
         return learning_curve(X, y, groups=groups, poses=poses, n_draws=2, **QUICK)
+
+
+def crop_centre(images: NDArray[np.uint8], share: float = KEPT) -> NDArray[np.uint8]:
+    """The middle of images, `share` of each side.
+
+    Examples
+    --------
+    >>> crop_centre(np.zeros((2, 100, 50), np.uint8)).shape
+    (2, 80, 40)
+    """
+    rows, columns = images.shape[1:]
+    top, left = round((1 - share) / 2 * rows), round((1 - share) / 2 * columns)
+    return images[:, top : rows - top, left : columns - left]
