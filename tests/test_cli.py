@@ -337,8 +337,13 @@ def test_a_killed_process_is_one_line_and_the_command_goes_on(tmp_path):
         for pid, parent, what in rows
         if int(parent) == process.pid and "popen_loky" in what
     ]
+    time.sleep(0.05)  # killed while it sends images, it would leave half a message, and all waiting
     os.kill(workers[0], signal.SIGKILL)
-    err = process.communicate(timeout=LONG)[1]
+    try:
+        err = process.communicate(timeout=LONG)[1]
+    except subprocess.TimeoutExpired:
+        kill(process)
+        raise
     assert process.returncode == 1
     assert "Traceback" not in err
     assert err.splitlines()[-1].startswith("servoscope: A process was killed, most likely")
