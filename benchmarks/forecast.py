@@ -35,7 +35,7 @@ from servoscope.processes import in_processes
 from servoscope.selection import MutualInfoSelector, forecast_from_folds, refit_features
 from servoscope.selection.rms_interval import rms_interval
 from servoscope.study.feature_tables import CANDIDATES, lfa_window, study_table
-from servoscope.study.paper import RECIPES
+from servoscope.study.paper import FAMILIES as PAPER_FAMILIES
 
 N_BLOCKS = 20
 
@@ -141,7 +141,9 @@ def feature_subsets(
     table: FeatureTable, target: np.ndarray, train: np.ndarray, dof: str
 ) -> dict[str, np.ndarray]:
     """Columns of the families, and of the first candidates in ideal-point order."""
-    subsets = {family: table.columns(RECIPES[family].for_dof(dof)) for family in FAMILIES}
+    subsets = {
+        family: table.columns(PAPER_FAMILIES[family].recipe.for_dof(dof)) for family in FAMILIES
+    }
     candidates = table.columns(CANDIDATES)
     selector = MutualInfoSelector(n_features=len(candidates))
     order = selector.fit(table.values[np.ix_(train, candidates)], target[train]).ranking_

@@ -23,11 +23,11 @@ from servoscope.pipeline import Fitted
 from servoscope.poses import DISPLACEMENTS
 from servoscope.study.config import N_EIGENVECTORS
 from servoscope.study.feature_tables import CANDIDATES, compute_feature_table
-from servoscope.study.paper import RECIPES
+from servoscope.study.paper import FAMILIES
 
 FEATURES = {
-    "24 moments": RECIPES["gm"],
-    "24 eigenfeatures": RECIPES["pca"],
+    "24 moments": FAMILIES["gm"].recipe,
+    "24 eigenfeatures": FAMILIES["pca"].recipe,
     "all 65": CANDIDATES,
 }
 

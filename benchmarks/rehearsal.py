@@ -13,8 +13,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from servoscope.scoreboard.table import TITLES
-
 from benchmarks.tables import Findings
 from servoscope import AcquisitionConfig, acquire
 from servoscope.positioning import train
@@ -24,6 +22,7 @@ from servoscope.rehearsal.summary import summarise_rehearsal
 from servoscope.scoreboard.cell import robot_at_reference, robot_in_cell
 from servoscope.scoreboard.conditions import CONDITIONS, SCENES
 from servoscope.scoreboard.methods import loop_settings
+from servoscope.scoreboard.page import TITLES
 from servoscope.scoreboard.trial import run_trial
 
 N_IMAGES, N_STARTS, SEED = 20, 20, 0

@@ -25,6 +25,15 @@ def test_a_benchmark_prints_its_table_and_writes_it_as_markdown(tmp_path):
         assert f"| {tool} |" in page.read_text()
 
 
+NAMES = {path.stem for path in (ROOT / "benchmarks").glob("*.py")} - {"__main__"}
+
+
+@pytest.mark.parametrize("name", sorted(NAMES))
+def test_every_benchmark_imports_what_there_is(name, monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT))
+    importlib.import_module(f"benchmarks.{name}")
+
+
 def test_an_unknown_benchmark_is_wrong_usage():
     done = run("mutual_informatoin")
     assert done.returncode == 2
