@@ -294,6 +294,13 @@ class Keyframe:
         known : ndarray of shape (height, width), bool
             False where the reference image does not show what would be seen; the image is 0 there.
         """
+        grey, known = self.render_grey(displacement, width)
+        return np.rint(grey).astype(np.uint8), known
+
+    def render_grey(
+        self, displacement: ArrayLike, width: int | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """As `render`, but grey levels that are not rounded, float64."""
         width = width or self.reference_image.shape[1]
         if width not in self._renderers:
             view = View.of(self.reference_image, width, 0.0)

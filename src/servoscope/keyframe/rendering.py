@@ -34,8 +34,8 @@ class Renderer:
         self._rays, _ = camera.rays(view.points)
         self._grey = view.grey.astype(float)
 
-    def __call__(self, T: NDArray[np.float64]) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-        """What is seen after a motion of the camera, and where that is known.
+    def __call__(self, T: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Grey levels that are seen after a motion of the camera, and where they are known.
 
         Parameters
         ----------
@@ -48,7 +48,7 @@ class Renderer:
         project(T, self._camera, self._aspect, self._rays, self._depth.ravel(), flat)
         image, nearness = np.zeros(shape), np.zeros(shape)
         draw(self._grey, mesh, self._depth, self._aspect, JUMP, image, nearness)
-        return np.rint(image.clip(0, 255)).astype(np.uint8), nearness > 0
+        return image.clip(0, 255), nearness > 0
 
 
 def continued(image: NDArray[np.uint8], known: NDArray[np.bool_]) -> NDArray[np.uint8]:

@@ -157,7 +157,7 @@ class RenderedLooks:
     noise: float
 
     @cached_property
-    def _clean(self) -> NDArray[np.uint8]:
+    def _clean(self) -> Array:
         return self.view.image(self.displacement)
 
     @property
@@ -182,13 +182,13 @@ class RenderedLooks:
         disturbances = Disturbances.only(
             defocus=REFERENCE_WIDTH * more_blur, gain=gain, covering=hidden
         )
-        disturbed = disturbances.disturb(grey, places).astype(float)
+        disturbed = disturbances.disturb_grey(grey, places).astype(float)
         disturbed += added_noise(grey.shape, gain * self.noise, rng)
         if look.added_noise is not None:
             disturbed += look.added_noise
         return np.rint(disturbed.clip(0, 255)).astype(np.uint8)
 
-    def _through(self, lens: Any, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def _through(self, lens: Any, image: Array) -> Array:
         """The image through a lens that differs from that of training as `lens` does."""
         trained = self.undisturbed.scene.lens
         if lens == trained:
@@ -203,4 +203,4 @@ class RenderedLooks:
         view = View.of(image, image.shape[1], 0.0)
         rays, _ = changed.rays(view.points)
         points = np.column_stack([rays, np.ones(len(rays))]).reshape(*view.shape, 3)
-        return np.asarray(sample_at(image, camera, points, cv2.BORDER_REFLECT), dtype=np.uint8)
+        return np.asarray(sample_at(image, camera, points, cv2.BORDER_REFLECT))

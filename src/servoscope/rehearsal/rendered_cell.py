@@ -146,9 +146,8 @@ class RenderedCell(FreeMotion):
         """The image from where it is."""
         clean = self.view.image(self._reached)
         if self.condition.falloff:
-            shaded = Falloff(*self.condition.falloff, seed=self.seed).shade(clean.astype(float))
-            clean = np.rint(shaded.clip(0, 255)).astype(np.uint8)
-        disturbed = self._disturbances.disturb(clean, np.random.default_rng(self.seed))
+            clean = np.asarray(Falloff(*self.condition.falloff, seed=self.seed).shade(clean))
+        disturbed = self._disturbances.disturb_grey(clean, np.random.default_rng(self.seed))
         grey = disturbed + added_noise(clean.shape, self.noise, self._noise_rng)
         return np.rint(grey.clip(0, 255)).astype(np.uint8)
 

@@ -104,8 +104,8 @@ class Backdrop:
         other._image, other._image_camera = grey, wide
         return other
 
-    def render(self, T: Array) -> NDArray[np.uint8]:
-        """What is seen of it after a motion of the camera.
+    def render(self, T: Array) -> Array:
+        """Grey levels that are seen of it after a motion of the camera.
 
         A point ``X`` of the plane has ``n . X = 1`` in the reference camera; the ray ``r`` of a
         camera at ``X' = R X + t`` meets it at ``X' = s r`` with
@@ -120,8 +120,7 @@ class Backdrop:
         slope = self.rays @ (R @ self.plane)
         s = (1 + self.plane @ R.T @ t) / np.maximum(slope, _LEAST * self.plane[2])
         points = ((s[:, None] * self.rays - t) @ R).reshape(*self.view.shape, 3)
-        image = sample_at(self._image, self._image_camera, points, cv2.BORDER_REFLECT)
-        return np.rint(image).astype(np.uint8)
+        return sample_at(self._image, self._image_camera, points, cv2.BORDER_REFLECT)
 
 
 def sample_at(image: NDArray[Any], camera: CameraModel, points: Array, border: int) -> NDArray[Any]:
@@ -300,8 +299,8 @@ class TrueView:
             self.keyframe, min(WIDEST, self.keyframe.reference_image.shape[1])
         )
 
-    def image(self, displacement: Array) -> NDArray[np.uint8]:
-        """What is seen at a displacement (4, 4), [m], without noise, (height, width).
+    def image(self, displacement: Array) -> Array:
+        """Grey levels seen at a displacement (4, 4), [m], without noise, (height, width).
 
         Where the keyframe does not know what is there, the `Backdrop` is seen.
         """
@@ -309,10 +308,10 @@ class TrueView:
         (delta_p,) = displacements_from_poses(np.eye(4), displacement[None], pivot)
         shift = shifts(keyframe, displacement[None])[0]
         D = poses_from_displacements(np.eye(4), delta_p + shift * self.misreading, pivot)
-        seen, known = keyframe.render(D, self._backdrop.view.width)
+        seen, known = keyframe.render_grey(D, self._backdrop.view.width)
         beside = self._backdrop.render(inverse_transform(conjugate(keyframe.mount, D)))
         image = np.where(known, seen, beside)
         height, width = keyframe.reference_image.shape
         if image.shape != (height, width):
             image = cv2.resize(image, (width, height), interpolation=cv2.INTER_CUBIC)
-        return np.asarray(image, dtype=np.uint8)
+        return np.asarray(image, dtype=np.float64)

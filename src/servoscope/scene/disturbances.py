@@ -162,6 +162,10 @@ class Disturbances:
         -------
         ndarray of shape (height, width), uint8
         """
+        return np.rint(self.disturb_grey(image, rng).clip(0, 255)).astype(np.uint8)
+
+    def disturb_grey(self, image: NDArray[Any], rng: np.random.Generator) -> NDArray[np.float32]:
+        """As `disturb`, but grey levels that are neither rounded nor cut off."""
         grey = image.astype(np.float32)
         strength = {part.name: _draw(getattr(self, part.name), rng) for part in fields(self)}
         if strength["defocus"]:
@@ -176,7 +180,7 @@ class Disturbances:
             _cover(grey, strength["covering"], rng)
         if strength["noise"]:
             grey += added_noise(grey.shape, strength["noise"], rng)
-        return np.rint(grey.clip(0, 255)).astype(np.uint8)
+        return grey
 
 
 def _check(name: str, low: float, high: float, probability: float) -> None:
