@@ -1,24 +1,27 @@
-"""Training and positioning from the command line, on a small textured plane."""
+"""Assessing, training and positioning from the command line, on small images of the part."""
 
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from servoscope.cli import main
 from servoscope.data.images import PoseImageSet
+from servoscope.poses import DOFS
 from servoscope.positioning import PositioningModel
-
-SCHEDULE = "40@1.6"
+from servoscope.storage.model_folder import read_model
+from servoscope.wording import plain_number
 
 
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory):
-    """A folder with a data set and a model that was trained on it."""
+    """A folder with a data set, its assessment, and a model that was trained on both."""
     folder = tmp_path_factory.mktemp("cell")
-    options = ["--part", "textured_plane", "--image-size", "64", "--schedule", SCHEDULE]
-    assert main(["acquire", str(folder / "data"), *options]) == 0
-    assert main(["train", str(folder / "data"), "--out", str(folder / "model"), "--json"]) == 0
+    data, run, model = (str(folder / name) for name in ("data", "run", "model"))
+    assert main(["acquire", data, "--image-size", "64", "--schedule", "60@1.6"]) == 0
+    assert main(["assess", data, "--out", run, "--families", "moments", "--jobs", "1"]) == 0
+    assert main(["train", data, "--assessment", run, "--out", model, "--jobs", "1"]) == 0
     return folder
 
 
@@ -32,7 +35,7 @@ def test_a_model_holds_what_it_was_trained_on_and_reaches(cell, capsys) -> None:
     code, out, _ = run(capsys, "info", cell / "model", "--json")
     facts = json.loads(out)
     assert code == 0
-    assert facts["trained_on"]["part"] == "textured_plane"
+    assert facts["trained_on"]["part"] == "cylinder_head"
     assert facts["kind"] == "keyframe"
     assert facts["accuracy"]["rms"]["tz"] < 2
 
@@ -158,7 +161,7 @@ def test_the_loop_runs_on_recorded_images(cell, capsys) -> None:
     [
         (["--robot", "recorded:{data}", "--condition", "gain_0.8"], "leave it out"),
         (["--robot", "recorded:{data}", "--start", "nobody"], "number or the name"),
-        (["--robot", "recorded:{data}", "--start", "99999"], "frame from 0 to 40"),
+        (["--robot", "recorded:{data}", "--start", "99999"], "frame from 0 to 60"),
         (["--robot", "recorded:{data}/nowhere"], "nowhere"),
         (["--robot", "recorded:{other}"], "is not the one that the model was trained on"),
         (["--start", "x"], "number from 0"),
@@ -173,3 +176,35 @@ def test_bad_recordings_are_refused_in_a_line(cell, capsys, tmp_path, options, s
     assert code == 1
     assert said in err
     assert len(err.splitlines()) == 1
+
+
+def rows_of(table: str) -> dict[str, list[str]]:
+    """The cells of a printed table by dof."""
+    lines = [line.split("│")[1:-1] for line in table.splitlines() if line.startswith("│")]
+    return {cells[0].strip(): [cell.strip() for cell in cells[1:]] for cells in lines}
+
+
+@pytest.mark.slow
+def test_what_is_read_of_one_part_agrees_from_assessing_to_positioning(cell, capsys):
+    written = json.loads((cell / "run" / "assessment.json").read_text())
+    accuracy = read_model(cell / "model")[0]["accuracy"]
+    capsys.readouterr()
+    assert main(["info", str(cell / "model")]) == 0
+    out = capsys.readouterr().out
+    assert max(map(len, out.splitlines())) <= 80
+    rows = rows_of(out)
+    assert list(rows) == list(DOFS)
+    for dof, row in written["dofs"].items():
+        assert row["one_look"]["by"] == "keyframe"
+        assert accuracy["rms"][dof] == pytest.approx(row["one_look"]["rms"], rel=1e-9)
+        shown = (row["forecast_rms"], row["reached_rms"], row["one_look"]["rms"])
+        shown = (*shown, row["loop"]["end_rms"])
+        assert rows[dof][:4] == [f"{plain_number(value)} {row['unit']}" for value in shown]
+    assert accuracy["held_out"]["images"] == written["keyframe"]["n_read"]
+    ends = []
+    for seed in (1, 2, 3):
+        assert main(["position", str(cell / "model"), "--seed", str(seed), "--json"]) == 0
+        ends.append(json.loads(capsys.readouterr().out)["true_error"])
+    for unit in ("mm", "deg"):
+        ratio = np.median([end[unit] for end in ends]) / written["loop"][f"end_{unit}"]
+        assert 1 / 3 < ratio < 3

@@ -14,9 +14,7 @@ from servoscope.data.images import PoseImageSet
 from servoscope.data.independence import independent_groups, mark_sequence
 from servoscope.errors import DataSetError
 from servoscope.pipeline import PosePipeline
-from servoscope.poses import DOFS, poses_from_displacements
-from servoscope.storage.model_folder import read_model
-from servoscope.wording import plain_number
+from servoscope.poses import poses_from_displacements
 
 
 def in_order() -> PoseImageSet:
@@ -127,46 +125,3 @@ def test_a_damaged_assessment_is_refused_in_one_line(assessed, tmp_path, damage,
         read_assessment(run, data)
     assert "servoscope.errors" in type(caught.value).__module__
     assert "\n" not in str(caught.value)
-
-
-@pytest.fixture(scope="module")
-def cell(tmp_path_factory):
-    """The simulated cell, assessed and trained on."""
-    folder = tmp_path_factory.mktemp("cell")
-    data, run, model = (str(folder / name) for name in ("data", "run", "model"))
-    assert main(["acquire", data, "--image-size", "64", "--schedule", "60@1.6"]) == 0
-    assert main(["assess", data, "--out", run, "--families", "moments", "--jobs", "1"]) == 0
-    assert main(["train", data, "--assessment", run, "--out", model, "--jobs", "1"]) == 0
-    return folder
-
-
-def rows_of(table: str) -> dict[str, list[str]]:
-    """The cells of a printed table by dof."""
-    lines = [line.split("│")[1:-1] for line in table.splitlines() if line.startswith("│")]
-    return {cells[0].strip(): [cell.strip() for cell in cells[1:]] for cells in lines}
-
-
-@pytest.mark.slow
-def test_what_is_read_of_one_part_agrees_from_assessing_to_positioning(cell, capsys):
-    written = json.loads((cell / "run" / "assessment.json").read_text())
-    accuracy = read_model(cell / "model")[0]["accuracy"]
-    capsys.readouterr()
-    assert main(["info", str(cell / "model")]) == 0
-    out = capsys.readouterr().out
-    assert max(map(len, out.splitlines())) <= 80
-    rows = rows_of(out)
-    assert list(rows) == list(DOFS)
-    for dof, row in written["dofs"].items():
-        assert row["one_look"]["by"] == "keyframe"
-        assert accuracy["rms"][dof] == pytest.approx(row["one_look"]["rms"], rel=1e-9)
-        shown = (row["forecast_rms"], row["reached_rms"], row["one_look"]["rms"])
-        shown = (*shown, row["loop"]["end_rms"])
-        assert rows[dof][:4] == [f"{plain_number(value)} {row['unit']}" for value in shown]
-    assert accuracy["held_out"]["images"] == written["keyframe"]["n_read"]
-    ends = []
-    for seed in (1, 2, 3):
-        assert main(["position", str(cell / "model"), "--seed", str(seed), "--json"]) == 0
-        ends.append(json.loads(capsys.readouterr().out)["true_error"])
-    for unit in ("mm", "deg"):
-        ratio = np.median([end[unit] for end in ends]) / written["loop"][f"end_{unit}"]
-        assert 1 / 3 < ratio < 3

@@ -296,12 +296,9 @@ def test_pixels_that_no_image_held_out_shows_are_saved_as_not_seen(model, tmp_pa
 
 @pytest.mark.slow
 def test_images_of_other_poses_are_refused(data) -> None:
-    shuffled = np.random.default_rng(0).permutation(len(data))
-    with (
-        pytest.warns(ServoscopeWarning, match="not trained on"),
-        pytest.raises(DataSetError, match="no robot may be moved"),
-    ):
-        train(replace(data, images=data.images[shuffled]))
+    few = data.subset(np.arange(16))
+    with pytest.raises(DataSetError, match="no robot may be moved"):
+        train(replace(few, images=few.images[np.random.default_rng(0).permutation(16)]))
 
 
 @pytest.mark.slow

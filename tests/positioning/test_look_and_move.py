@@ -336,7 +336,7 @@ MOST_IMAGES = 13 * (6 + 8)
 share = st.sampled_from([0.0, 1e-4, 1e-3, 1e-2, 0.05, 0.1, 0.3])
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     start=share,
     seed=st.integers(0, 9),

@@ -71,9 +71,9 @@ def starts(n: int, seed: int, share: float = 0.6) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def data() -> PoseImageSet:
-    """Thirty images of the gantry, with noise of the encoders on all axes."""
-    cells = [GantryCell(p, seed=k) for k, p in enumerate(starts(30, 0))]
-    noise = np.random.default_rng(1).normal(size=(30, 6)) * ([2e-5] * 3 + [5e-5] * 3)
+    """Twenty images of the gantry, with noise of the encoders on all axes."""
+    cells = [GantryCell(p, seed=k) for k, p in enumerate(starts(20, 0))]
+    noise = np.random.default_rng(1).normal(size=(20, 6)) * ([2e-5] * 3 + [5e-5] * 3)
     poses = np.stack([cell.pose for cell in cells]) @ poses_from_displacements(np.eye(4), noise, 0)
     reference = Cell(np.zeros(6)).read()
     return PoseImageSet(
@@ -102,20 +102,20 @@ def test_a_gantry_arrives_and_moves_along_no_axis_that_it_has_not(model):
 
 
 @pytest.mark.slow
-def test_what_is_believed_and_what_is_told_speak_of_its_dofs_alone(model, data):
+def test_beliefs_and_results_are_of_its_dofs_alone(model, data):
     cell = GantryCell(starts(1, 8)[0])
     result = Positioner(model, LoopSettings(tolerances={"tx": 0.5, "rz": 0.2})).run(cell, cell)
     assert result.status == "converged"
-    told = result.to_dict()
-    assert told["dofs"] == list(GANTRY)
+    facts = result.to_dict()
+    assert facts["dofs"] == list(GANTRY)
     for name in ("remaining", "std", "predicted_error"):
-        assert [value is None for value in told[name]] == STILL.tolist()
+        assert [value is None for value in facts[name]] == STILL.tolist()
     for name in ("error_shares", "median", "quantile_90"):
         assert tuple(model.accuracy[name]) == GANTRY
     assert max(model.accuracy["error_shares"].values()) < 0.1
     np.testing.assert_array_equal(model.reach > 0, ~STILL)
     assert model.first_guess is not None
-    assert (model.first_guess(data.images[0])[:, 2, 3] == 0).all()
+    assert np.abs(model.first_guess(data.images[0])[:, 2, 3]).max() < 1e-12
 
 
 @pytest.mark.slow
