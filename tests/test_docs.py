@@ -39,6 +39,14 @@ def test_there_are_commands_to_look_at() -> None:
     assert len([c for page in PAGES for c in commands(page.read_text(encoding="utf-8"))]) > 25
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_tests_benchmarks_and_examples_that_are_named_are_there(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    named = set(re.findall(r"\b(?:tests|examples)/[\w/]+\.py", text))
+    named |= {f"benchmarks/{name}.py" for name in re.findall(r"-m benchmarks (\w+)", text)}
+    assert not [name for name in sorted(named) if not (ROOT / name).exists()]
+
+
 def python_of(page: Path) -> list[str]:
     """Blocks of Python in a page, or in what an example says of itself."""
     text = page.read_text(encoding="utf-8")
