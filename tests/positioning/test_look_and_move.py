@@ -1,5 +1,6 @@
 """The loop arrives with a fair estimator, and is stopped with a wrong one."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -364,3 +365,15 @@ def test_whatever_an_estimator_believes_a_run_ends(
     result = Positioner(estimator, loop).run(cell, cell)
     assert n_read <= MOST_IMAGES, result.message
     assert result.moves <= 2 * loop.max_moves
+
+
+def test_the_time_of_a_decision_is_without_that_of_the_camera() -> None:
+    class Slow(Cell):
+        def read(self):
+            time.sleep(0.03)
+            return super().read()
+
+    cell = Slow(START)
+    result = Positioner(Oracle(cell, std=1e-3)).run(cell, cell)
+    assert result.status == "converged"
+    assert max(step.seconds for step in result.steps[1:]) < 4 * 0.03

@@ -100,6 +100,11 @@ class WatchedCamera:
     image_shape : tuple of 2 int
         Height and width that its images must have.
     settings : LoopSettings
+
+    Attributes
+    ----------
+    seconds : float
+        How long it was waited for so far.
     """
 
     def __init__(
@@ -110,9 +115,11 @@ class WatchedCamera:
         waits = settings.read_timeout_s is not None
         self._timeout = settings.first_read_timeout_s if waits else None
         self._later_timeout = settings.read_timeout_s
+        self.seconds = 0.0
 
     def read(self) -> Image:
         """A new image of the right kind and size."""
+        start = time.perf_counter()
         try:
             image = call_within(self._timeout, self._camera.read)
         except KeyboardInterrupt:
@@ -125,6 +132,7 @@ class WatchedCamera:
             raise RunEnded("camera_fault", reason) from error
         except BaseException as error:
             raise RunEnded("camera_fault", f"The camera failed: {one_line(error)}") from error
+        self.seconds += time.perf_counter() - start
         self._timeout = self._later_timeout
         if fault := image_format_fault(image, self._image_shape):
             raise RunEnded("camera_fault", fault)

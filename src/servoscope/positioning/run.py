@@ -153,7 +153,7 @@ class Run:
         if self._is_late:
             self.camera.read()
         image = self.camera.read()
-        start = time.perf_counter()
+        start = time.perf_counter() - self.camera.seconds
         self._check_image(image, pose)
         self._last_image = image
         comparison, error = self.reference.compare(image), self.reference.error(image)
@@ -164,7 +164,7 @@ class Run:
         if has_arrived or (self._n_corrections and isinstance(decision, np.ndarray)):
             decision = self._confirmed(decision, image)
         commanded = None if isinstance(decision, RunEnded) else decision
-        seconds = time.perf_counter() - start
+        seconds = time.perf_counter() - self.camera.seconds - start
         self.steps[-1] = replace(self.steps[-1], commanded=commanded, seconds=seconds)
         self._report(image)
         self.robot.check_standing(pose)
