@@ -1,7 +1,7 @@
 """The loop arrives with a fair estimator, and is stopped with a wrong one."""
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -377,3 +377,25 @@ def test_the_time_of_a_decision_is_without_that_of_the_camera() -> None:
     result = Positioner(Oracle(cell, std=1e-3)).run(cell, cell)
     assert result.status == "converged"
     assert max(step.seconds for step in result.steps[1:]) < 4 * 0.03
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Cautious(Estimate):
+    """Asks for a part of the way."""
+
+    step: np.ndarray
+
+
+def test_an_estimator_that_goes_a_part_of_the_way_at_each_move_goes_on_to_the_end() -> None:
+    """Small moves are no scatter of the robot, though the camera comes little nearer by each."""
+
+    class Tenth(Oracle):
+        def estimate(self, image, previous):
+            whole = super().estimate(image, previous)
+            part = poses_from_displacements(np.eye(4), 0.12 * self.cell.delta_p, PIVOT)
+            return Cautious(**vars(whole), step=part)
+
+    cell = Cell(0.1 * START)
+    result = Positioner(Tenth(cell), LoopSettings(max_moves=100, growth=2.0)).run(cell, cell)
+    assert result.status == "converged", result.message
+    assert 1e3 * pose_error(T_WORLD_REF, cell.pose)[0] <= 0.05

@@ -27,6 +27,7 @@ _OTHERWISE, _OTHER_LIGHT = 2.5, 4.0
 _FLOOR_LOOKS = 4
 _SIGNIFICANT = 1.5
 _FLOOR_SHRINKAGE = 0.7
+_PART = 0.1
 
 
 class Reached(NamedTuple):
@@ -270,8 +271,9 @@ def is_back(steps: Sequence[Step]) -> bool:
 def scatter(steps: Sequence[Step], settings: LoopSettings, pivot: float) -> Array | None:
     """The scatter of the last looks, once moving brings the camera no nearer.
 
-    Every move was meant to bring it to the reference. What is seen after it is the scatter of the
-    robot and the noise of the estimates. When four looks of the finest stage in a row do not
+    Every move was meant to bring it to the reference; where the last ones were to go a part of the
+    way alone, nothing is known of the robot. What is seen after them is the scatter of the robot
+    and the noise of the estimates. When four looks of the finest stage in a row do not
     shrink, and none is farther than a robot may miss by, this is all there is.
 
     Returns
@@ -281,11 +283,13 @@ def scatter(steps: Sequence[Step], settings: LoopSettings, pivot: float) -> Arra
         the camera still comes nearer.
     """
     after_moves = [
-        step
+        (before, step)
         for before, step in zip((None, *steps), steps, strict=False)
         if before is None or before.executed is not None
-    ]
-    last = [step.estimate for step in after_moves[-_FLOOR_LOOKS:]]
+    ][-_FLOOR_LOOKS:]
+    if not all(before is None or _is_whole(before, pivot) for before, _ in after_moves[1:]):
+        return None
+    last = [step.estimate for _, step in after_moves]
     if len(last) < _FLOOR_LOOKS or not all(
         estimate.is_finest and is_at_hand(estimate.displacement, settings) for estimate in last
     ):
@@ -297,6 +301,19 @@ def scatter(steps: Sequence[Step], settings: LoopSettings, pivot: float) -> Arra
         return None
     delta_p = displacements_from_poses(np.eye(4), displacements[1:], pivot)
     return np.asarray(np.sqrt(np.mean(delta_p**2, axis=0)))
+
+
+def _is_whole(step: Step, pivot: float) -> bool:
+    """Whether the move after a look was to bring the camera all the way to the reference."""
+    if step.commanded is None:
+        return False
+    D = step.estimate.displacement
+    (asked, angle), (left, angle_left) = (
+        pose_error(np.eye(4), D),
+        pose_error(np.eye(4), D @ step.commanded),
+    )
+    rest, way = np.hypot(left, pivot * angle_left), np.hypot(asked, pivot * angle)
+    return bool(rest <= max(_PART * way, 1e-9))
 
 
 def _is_noise(estimate: Estimate, pivot: float, settings: LoopSettings) -> bool:
