@@ -188,10 +188,11 @@ def test_an_assessment_that_cannot_be_read_is_shown_as_dashes(
 
 
 def test_features_are_the_same_table_without_a_limit_of_the_view(tmp_path, capsys):
-    accuracy = {"rms": ERRORS, "held_out": {"images": 90}}
+    forecast = {dof: 2 * error for dof, error in ERRORS.items()}
+    accuracy = {"rms": ERRORS, "held_out": {"images": 90}, "forecast": forecast}
     write_model(tmp_path / "model", {**HEADER, "accuracy": accuracy}, ARRAYS)
     out = printed(tmp_path / "model", capsys)
-    assert rows_of(out)["tz"] == ["–", "–", "0.37 mm", "–", "–"]
+    assert rows_of(out)["tz"] == ["0.74 mm", "–", "0.37 mm", "–", "–"]
     assert "RMS of 90 images" in out
     assert "servoscope rehearse" not in out  # which cannot render them
 

@@ -66,6 +66,8 @@ def test_its_recipes_are_of_the_families_that_were_named(model) -> None:
     assert list(dofs) == list(model.dofs)
     assert {one["recipe"]["features"] for one in dofs.values()} <= set(FAMILIES)
     assert {one["recipe"]["regressor"] for one in dofs.values()} == {"kernel_ridge"}
+    forecast = np.array(list(model.accuracy["forecast"].values()))
+    assert 0.5 < np.median(np.array(list(model.accuracy["rms"].values())) / forecast) < 2
 
 
 def test_at_the_reference_it_reads_no_displacement(model) -> None:

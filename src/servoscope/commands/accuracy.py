@@ -55,7 +55,7 @@ def print_accuracy(
     """
     statistic, held_out = _held_out(accuracy)
     assessment = _within(accuracy, "assessment")
-    rows = _within(assessment, "dofs")
+    rows, forecast = _within(assessment, "dofs"), _within(accuracy, "forecast")
     table = Table(title="Error of each dof about the pivot", title_justify="left", padding=(0, 1))
     for heading in ("dof", *(f"{what}\n{of}" for what, of in _HEADINGS)):
         table.add_column(heading, justify="right", no_wrap=True)
@@ -66,13 +66,18 @@ def print_accuracy(
         row = _within(rows, dof)
         end = None if limit is None else _within(row, "loop").get("end_rms")
         is_rehearsed |= _cell(end, unit) != NONE
-        values = (row.get("forecast_rms"), row.get("reached_rms"), held_out[dof], end)
+        values = (
+            row.get("forecast_rms", forecast.get(dof)),
+            row.get("reached_rms"),
+            held_out[dof],
+            end,
+        )
         table.add_row(dof, *(_cell(x, unit) for x in (*values, (limit or {}).get(dof))))
     out = console()
     out.print(table)
     for line in _notes(accuracy, statistic, is_keyframe=limit is not None):
         out.print(textwrap.fill(line, _WIDTH))
-    if not rows:
+    if not rows and not forecast:
         out.print("forecast: servoscope assess DATA --out RUN, then train DATA --assessment RUN")
     if limit is not None and not is_rehearsed:
         out.print("in the loop: servoscope rehearse MODEL")

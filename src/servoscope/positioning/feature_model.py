@@ -26,7 +26,7 @@ from servoscope.pipeline import (
     fit_all,
     forecast_all,
 )
-from servoscope.poses import poses_from_displacements
+from servoscope.poses import DISPLAY_FACTORS, DOFS, poses_from_displacements
 from servoscope.positioning.accuracy import describe_errors, deviation_factor
 from servoscope.positioning.interfaces import Array, Estimate, Image
 from servoscope.positioning.model import PositioningModel
@@ -280,6 +280,11 @@ class FeatureModel(PositioningModel):
             "n_images": len(split.learned),
             "pipeline": pipeline.describe(),
         }
+        if "forecast" in pipeline.record_:
+            factors = dict(zip(DOFS, DISPLAY_FACTORS, strict=True))
+            accuracy["forecast"] = {
+                dof: float(rms * factors[dof]) for dof, rms in pipeline.record_["forecast"].items()
+            }
         return cls(
             pipeline,
             data.reference_image,
