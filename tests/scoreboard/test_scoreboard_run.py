@@ -16,7 +16,7 @@ from servoscope.scoreboard.plan import Plan
 from servoscope.scoreboard.run import Scoreboard
 from servoscope.storage.run_folder import open_run_folder
 
-CONDITIONS_RUN = ("range_0.4", "range_1.0", "noise_10", "depth_1.5")
+CONDITIONS_RUN = ("range_1.0", "noise_10", "depth_1.5")
 PLAN = Plan(
     starts=2,
     image_size=64,
