@@ -32,8 +32,6 @@ from servoscope.positioning.interfaces import Array, Estimate, Image
 from servoscope.positioning.model import PositioningModel
 from servoscope.regression.registry import make_regressor
 
-Floats = NDArray[np.float32]
-
 N_STAGES = 3
 """Stages of training: features computed, forecast and chosen, and trained on."""
 
