@@ -1,5 +1,7 @@
 """A pipeline of features drives the robot, or says that it should not."""
 
+from typing import ClassVar
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from servoscope.errors import DataSetError, InvalidInputError, ModelError, Servo
 from servoscope.pipeline import PosePipeline, Recipe
 from servoscope.poses import (
     DISPLAY_FACTORS,
+    DOFS,
     displacements_from_poses,
     pose_error,
     poses_from_displacements,
@@ -189,6 +192,22 @@ def test_where_no_keyframe_explains_the_view_features_are_trained_on(data, monke
         train(few, n_jobs=1)
     with pytest.raises(DataSetError, match="at least 60 images"):
         train(few, families=FAMILIES, n_jobs=1)
+
+
+def test_a_keyframe_of_no_use_is_refused_with_its_reason_if_no_features_can_be_had(
+    data, monkeypatch
+) -> None:
+    class OfNoUse:
+        accuracy: ClassVar = {"error_shares": dict.fromkeys(DOFS, 1.0)}
+
+    def no_features(*_, **__):
+        raise DataSetError("No features can be chosen.")
+
+    training = "servoscope.positioning.training"
+    monkeypatch.setattr(f"{training}.KeyframeModel.train", lambda *_, **__: OfNoUse())
+    monkeypatch.setattr(f"{training}.FeatureModel.train", no_features)
+    with pytest.raises(DataSetError, match="no robot may be moved by that"):
+        train(data, n_jobs=1)
 
 
 def test_a_keyframe_takes_no_families(data) -> None:

@@ -32,6 +32,7 @@ from servoscope.pipeline import (
     forecast_all,
     shortlist,
 )
+from servoscope.pipeline.feature_table import N_FOLDS
 from servoscope.pipeline.forecasts import QUICK, THOROUGH
 from servoscope.poses import DOFS
 from servoscope.processes import in_processes, one_blas_thread
@@ -50,9 +51,6 @@ MIXES = (
     "moments+projections+log_polar+gradient+intensity",
 )
 """Families that are tried together: the paper's, and those that need no fitting."""
-
-N_FOLDS = 3
-"""Parts of the images without which learned features are fitted anew, for their forecast."""
 
 KEPT = 0.8
 """Share of each side of the view that is kept when its border is cut away."""

@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Images = NDArray[np.uint8]
 
+N_FOLDS = 3
+"""Parts of the images without which learned features are fitted anew, for their forecast."""
+
 
 @dataclass(frozen=True, eq=False)
 class FittedFamily:

@@ -26,17 +26,12 @@ from servoscope.pipeline import (
     fit_all,
     forecast_all,
 )
+from servoscope.pipeline.feature_table import N_FOLDS
 from servoscope.poses import DISPLAY_FACTORS, DOFS, poses_from_displacements
 from servoscope.positioning.accuracy import describe_errors, deviation_factor
 from servoscope.positioning.interfaces import Array, Estimate, Image
 from servoscope.positioning.model import PositioningModel
 from servoscope.regression.registry import make_regressor
-
-N_STAGES = 3
-"""Stages of training: features computed, forecast and chosen, and trained on."""
-
-N_FOLDS = 3
-"""Parts of the images without which learned features are fitted anew, for their forecast."""
 
 _N_FOREIGN = 40
 _RIDGE = 1e-3
@@ -181,7 +176,8 @@ class FeatureModel(PositioningModel):
         n_jobs : int, optional
             Processes, as joblib counts them; every number of them gives the same model.
         on_progress : callable, optional
-            Called with the number of `N_STAGES` that are finished.
+            Called with the number of stages that are finished: 1 when the features are computed, 2
+            when some are chosen, 3 at the end.
 
         Raises
         ------

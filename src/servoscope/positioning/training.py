@@ -188,17 +188,19 @@ def _first_of_use(
     keyframe: Callable[[], KeyframeModel], features: Callable[[], FeatureModel]
 ) -> KeyframeModel | FeatureModel:
     """A keyframe; a model of features if none explains the view and features predict better."""
-    try:
-        model = keyframe()
-    except DataSetError as error:
+    made: list[KeyframeModel | FeatureModel] = []
+    failures: list[DataSetError] = []
+    for make in (keyframe, features):
         try:
-            return features()
-        except DataSetError:
-            raise error from None
-    if is_of_use(model.accuracy["error_shares"]):
-        return model
-    other = features()
-    return other if is_of_use(other.accuracy["error_shares"]) else model
+            made.append(make())
+        except DataSetError as error:
+            failures.append(error)
+            continue
+        if is_of_use(made[-1].accuracy["error_shares"]):
+            return made[-1]
+    if not made:
+        raise failures[0]
+    return made[0]
 
 
 def within_range(data: PoseImageSet) -> PoseImageSet:
