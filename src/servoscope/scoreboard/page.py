@@ -78,7 +78,7 @@ def plot_trajectories(paths: Paths, *, title: str = "", ax: Axes | None = None) 
     title : str
     """
     ax = new_axes() if ax is None else ax
-    dress(ax, title=title, xlabel="images taken, 1 at the start", ylabel="position error [mm]")
+    dress(ax, title=title, xlabel="looks, 1 at the start", ylabel="position error [mm]")
     ax.set(xscale="log", yscale="log")
     for method, runs in paths.items():
         style = METHOD_STYLES[method]
