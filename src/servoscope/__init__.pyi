@@ -16,6 +16,7 @@ from .features import PoseLeastSquares as PoseLeastSquares
 from .features import RobustMoments as RobustMoments
 from .features import TchebichefMoments as TchebichefMoments
 from .features import compute_image_basis as compute_image_basis
+from .formats import FolderOptions as FolderOptions
 from .formats import ImportOptions as ImportOptions
 from .formats import TumOptions as TumOptions
 from .formats import read_folder as read_folder

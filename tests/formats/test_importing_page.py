@@ -4,14 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from servoscope.formats import FORMATS, ImportOptions, TumOptions, read_folder
+from servoscope.formats import FORMATS, ImportOptions, read_folder
 
 PAGE = (Path(__file__).parents[2] / "docs" / "importing.md").read_text(encoding="utf-8")
 
 
 def test_the_page_names_every_option_and_no_other():
     flags = set(re.findall(r"(?<!\w)--([a-z][a-z-]+)", PAGE)) - {"help", "out"}
-    assert flags == {field.name.replace("_", "-") for field in fields(TumOptions)}
+    options = {field.name for format_ in FORMATS.values() for field in fields(format_.options)}
+    assert flags == {name.replace("_", "-") for name in options}
 
 
 @pytest.mark.parametrize("name", FORMATS)

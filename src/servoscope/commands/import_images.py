@@ -33,10 +33,10 @@ def import_command(name: str, format_: Format) -> Callable[..., None]:
             data.save(place)
         print_facts(describe_data_set(out), as_json=json)
 
-    command.__doc__ = f"""Import {format_.summary}, and write a data set folder.
-
-    Example: servoscope import {name} SRC OUT --max-mm 150 --max-deg 20
-    """
+    shown = "\n\n".join(f"servoscope import {name} SRC OUT {e}" for e in format_.examples)
+    command.__doc__ = (
+        f"Import {format_.summary}, and write a data set folder. For example:\n\n{shown}"
+    )
     return command
 
 

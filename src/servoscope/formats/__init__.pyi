@@ -1,3 +1,8 @@
+from .conventions import CONVENTIONS as CONVENTIONS
+from .conventions import PoseConvention as PoseConvention
+from .conventions import find_convention as find_convention
+from .conventions import poses_from_numbers as poses_from_numbers
+from .folder import FolderOptions as FolderOptions
 from .folder import read_folder as read_folder
 from .images import read_grey as read_grey
 from .options import ImportOptions as ImportOptions

@@ -104,7 +104,7 @@ def assemble_data_set(
         source={
             "format": format_name,
             "folder": str(kept.folder),
-            "options": asdict(options),
+            "options": {**asdict(options), "units": options.length_unit},
             "reference": reference_name,
             "n_kept": len(kept),
             "dropped": drops.counts(),
@@ -149,7 +149,7 @@ def _is_fit(
 def _too_near(data: PoseImageSet, options: ImportOptions) -> list[str]:
     """What metres that were taken for millimetres look like."""
     mm = 1e3 * pose_error(data.T_world_ref, data.T_world_cam)[0]
-    if options.units != "mm" or not 1e-6 < mm.max() < 0.5:
+    if options.length_unit != "mm" or not 1e-6 < mm.max() < 0.5:
         return []
     return [
         f"Cameras are within {mm.max():.3g} mm of the reference: check that the positions are in "

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -43,8 +44,8 @@ class ImportOptions:
     direction : {"camera-to-world", "world-to-camera"}
         What the poses map: camera coordinates to world, so that tx, ty and tz are the position
         of the camera; or world coordinates to camera.
-    units : {"m", "mm"}
-        Unit of tx, ty and tz.
+    units : {"m", "mm"}, optional
+        Unit of the translations; by default that of the format, m in most.
     axes : {"opencv", "opengl"}
         Camera axes of the poses: opencv has x right, y down, z forward; opengl has x right,
         y up, z backward.
@@ -76,7 +77,7 @@ class ImportOptions:
     max_deg: float | None = None
     pivot_mm: float = 550.0
     direction: Direction = "camera-to-world"
-    units: Units = "m"
+    units: Units | None = None
     axes: Axes = "opencv"
     bit_depth: int | None = None
     split: Literal["auto", "random", "blocks"] = "auto"
@@ -85,8 +86,9 @@ class ImportOptions:
     def __post_init__(self) -> None:
         for name, choices in _choices(type(self)).items():
             if getattr(self, name) not in choices:
+                named = ", ".join(choice for choice in choices if choice is not None)
                 raise InvalidInputError(
-                    f"{name} must be one of {', '.join(choices)}, got {getattr(self, name)!r}."
+                    f"{name} must be one of {named}, got {getattr(self, name)!r}."
                 )
         if self.reference != MOST_NEIGHBOURS and self.reference_index is not None:
             raise InvalidInputError(
@@ -99,6 +101,11 @@ class ImportOptions:
             raise InvalidInputError(f"bit_depth must be from 8 to 16, got {self.bit_depth}.")
         for name in ("pivot_mm", "reference_index"):
             self._check_number(name, above_zero=False)
+
+    @property
+    def length_unit(self) -> Units:
+        """Unit of the translations: as the user says, or of the format."""
+        return self.units or "m"
 
     @property
     def names_reference(self) -> bool:
@@ -114,9 +121,13 @@ class ImportOptions:
 
 
 def _choices(options: type[ImportOptions]) -> dict[str, tuple[Any, ...]]:
-    hints = get_type_hints(options)
-    return {
-        field.name: get_args(hints[field.name])
-        for field in fields(options)
-        if get_origin(hints[field.name]) is Literal
-    }
+    """What each option with fixed choices may be; None too where it may be left out."""
+    hints, choices = get_type_hints(options), {}
+    for field in fields(options):
+        hint = hints[field.name]
+        parts = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+        fixed = [part for part in parts if get_origin(part) is Literal]
+        if fixed and {*fixed, NoneType} >= set(parts):
+            none = (None,) if NoneType in parts else ()
+            choices[field.name] = (*get_args(fixed[0]), *none)
+    return choices

@@ -16,11 +16,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from servoscope.errors import DataSetError, ServoscopeWarning
+from servoscope.formats.conventions import (
+    METRES,
+    AngleUnit,
+    PoseConvention,
+    problem_of_pose,
+)
 from servoscope.formats.options import Axes, Direction, QuaternionOrder, Units
-from servoscope.poses import FARTHEST, inverse_transform, poses_from_quaternions
-
-METRES = {"m": 1.0, "mm": 1e-3}
-"""Metres of each unit."""
+from servoscope.poses import inverse_transform, poses_from_quaternions
 
 _OPENCV_FROM = {"opencv": np.eye(4), "opengl": np.diag([1.0, -1.0, -1.0, 1.0])}
 _LENGTH_TOLERANCE = 0.01
@@ -79,14 +82,20 @@ def T_world_cam_from_numbers(
     quaternion = numbers[:, 3:]
     if quaternion_order == "wxyz":
         quaternion = np.roll(quaternion, -1, axis=1)
-    _check_unit_length(quaternion)
+    check_unit_length(quaternion)
     T = poses_from_quaternions(numbers[:, :3] * METRES[units], quaternion)
-    if direction == "world-to-camera":
-        T = inverse_transform(T)
-    return T @ _OPENCV_FROM[axes]
+    return as_T_world_cam(T, direction=direction, axes=axes)
 
 
-def _check_unit_length(quaternion: NDArray[np.float64]) -> None:
+def as_T_world_cam(
+    T: NDArray[np.float64], *, direction: Direction, axes: Axes
+) -> NDArray[np.float64]:
+    """Camera poses in servoscope's convention from those of shape (n, 4, 4) in another."""
+    return (inverse_transform(T) if direction == "world-to-camera" else T) @ _OPENCV_FROM[axes]
+
+
+def check_unit_length(quaternion: NDArray[np.float64]) -> None:
+    """Warn of quaternions so far from unit length that something else may stand there."""
     lengths = np.linalg.norm(quaternion, axis=1)
     odd = np.abs(lengths - 1) > _LENGTH_TOLERANCE
     if odd.any():
@@ -194,27 +203,24 @@ def parse_numbers(texts: Sequence[str], columns: Sequence[str], where: str) -> l
 
 
 def parse_pose(
-    texts: Sequence[str], columns: Sequence[str], where: str, units: Units
+    texts: Sequence[str],
+    convention: PoseConvention,
+    where: str,
+    length_unit: Units,
+    angle_unit: AngleUnit | None = None,
 ) -> list[float]:
-    """Seven numbers of a pose, translation and then quaternion.
+    """The numbers of a pose, in the order of its convention.
 
     Raises
     ------
     DataSetError
-        If one is not a finite number, the translation is beyond `FARTHEST`, or the quaternion has
-        a length of zero or above 1e6.
+        If one is not a finite number, or they are no pose.
     """
-    numbers = parse_numbers(texts, columns, where)
-    largest, length = max(map(abs, numbers[:3])), max(map(abs, numbers[3:]))
-    if largest * METRES[units] > FARTHEST:
-        problem = f"the translation {numbers[:3]} is in no room; check --units"
-    elif length < 1e-6:
-        problem = f"the quaternion {numbers[3:]} has zero length; mend the line"
-    elif length > 1e6:
-        problem = f"the quaternion {numbers[3:]} is none; mend the line"
-    else:
-        return numbers
-    raise DataSetError(f"{where}: {problem}, or leave it out with --skip-bad.")
+    numbers = parse_numbers(texts, convention.columns, where)
+    problem = problem_of_pose(numbers, convention, length_unit=length_unit, angle_unit=angle_unit)
+    if problem:
+        raise DataSetError(f"{where}: {problem}, or leave it out with --skip-bad.")
+    return numbers
 
 
 def other_separators(text: str) -> str:

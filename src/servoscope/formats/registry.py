@@ -8,7 +8,7 @@ from typing import Any
 
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import InvalidInputError
-from servoscope.formats.folder import read_folder
+from servoscope.formats.folder import FolderOptions, read_folder
 from servoscope.formats.options import ImportOptions
 from servoscope.formats.tum import TumOptions, read_tum
 from servoscope.plugins import Registry
@@ -16,11 +16,15 @@ from servoscope.plugins import Registry
 
 @dataclass(frozen=True)
 class Format:
-    """A format: what it is, the class of its options, and ``read(src, options, on_progress)``."""
+    """A format: what it is, the class of its options, and ``read(src, options, on_progress)``.
+
+    Options of its examples are shown by ``servoscope import NAME --help``.
+    """
 
     summary: str
     options: type[ImportOptions]
     read: Callable[..., PoseImageSet]
+    examples: tuple[str, ...] = ("--max-mm 150 --max-deg 20",)
 
 
 def _checked(name: str, format_: Any) -> Format:
@@ -32,7 +36,17 @@ def _checked(name: str, format_: Any) -> Format:
 FORMATS: Registry[Format] = Registry(
     "servoscope.formats",
     {
-        "folder": Format("a folder of images with poses.csv", ImportOptions, read_folder),
+        "folder": Format(
+            "a folder of images with their poses",
+            FolderOptions,
+            read_folder,
+            (
+                "--max-mm 150 --max-deg 20",
+                "--poses robot.txt --rotation kuka-abc",
+                "--poses '*.pose.txt' --images '*.jpg' --rotation matrix",
+                "--session sessions.csv --rotation ur",
+            ),
+        ),
         "tum": Format("a TUM sequence: rgb.txt and groundtruth.txt", TumOptions, read_tum),
     },
     _checked,

@@ -16,6 +16,7 @@ import numpy as np
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.formats.assembly import assemble_data_set
+from servoscope.formats.conventions import CONVENTIONS
 from servoscope.formats.frames import (
     BAD_POSE,
     EQUAL_STAMPS,
@@ -169,6 +170,7 @@ def _read_image_list(path: Path) -> tuple[list[str], np.ndarray, float]:
 def _read_trajectory(path: Path, options: TumOptions, drops: Drops) -> tuple[Trajectory, float]:
     """The poses in time, and the step in which their stamps are written [s]."""
     steps, numbers = [], array("d")
+    convention = CONVENTIONS[options.quaternion_order]
     for where, line in _lines(path, options.quaternion_order):
         fields = line.split()
         try:
@@ -178,7 +180,7 @@ def _read_trajectory(path: Path, options: TumOptions, drops: Drops) -> tuple[Tra
                     f"{other_separators(line) if len(fields) == 1 else ''}."
                 )
             row = parse_numbers(fields[:1], _COLUMNS[:1], where)
-            row += parse_pose(fields[1:], _COLUMNS[1:], where, options.units)
+            row += parse_pose(fields[1:], convention, where, options.length_unit)
             step = resolution(fields[:1], where)
         except DataSetError:
             check_pose_header(line, options.quaternion_order, where)
@@ -195,7 +197,7 @@ def _read_trajectory(path: Path, options: TumOptions, drops: Drops) -> tuple[Tra
     T_world_cam = T_world_cam_from_numbers(
         table[:, 1:],
         direction=options.direction,
-        units=options.units,
+        units=options.length_unit,
         quaternion_order=options.quaternion_order,
         axes=options.axes,
     )

@@ -1,0 +1,483 @@
+"""Tables of poses: one row an image or session, divided by any sign, with a header or without."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from reprlib import repr as brief
+from typing import Literal, NoReturn
+
+from servoscope.errors import DataSetError, InvalidInputError
+from servoscope.formats.conventions import (
+    CONVENTIONS,
+    MATRIX_COLUMNS,
+    AngleUnit,
+    PoseConvention,
+    find_convention,
+)
+from servoscope.formats.options import ImportOptions, Units
+from servoscope.formats.pose_text import other_separators, parse_numbers, parse_pose
+from servoscope.storage.reading import read_lines
+
+DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "space": " "}
+"""What may divide the columns of a table, by name."""
+
+_NAMES = ("name", "file", "filename", "file_name", "image", "image_name", "img", "path")
+_TIMES = ("time", "timestamp", "stamp")
+_ALIASES: dict[str, tuple[str, ...]] = {
+    "tx": ("x", "px", "pos_x"),
+    "ty": ("y", "py", "pos_y"),
+    "tz": ("z", "pz", "pos_z"),
+}
+_ALIASES |= {f"q{axis}": (f"q_{axis}", f"quat_{axis}") for axis in "xyzw"}
+_UNIT = re.compile(r"^(.*?)(?:\s*[\[(](mm|m|deg|rad|°|)[\])]|_(mm|deg|rad))$")
+_LAST_ROW = ("0", "0", "0", "1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableOptions(ImportOptions):
+    """What a user says of poses that are written as text, besides what holds for every format.
+
+    Parameters
+    ----------
+    rotation : str, optional
+        How the rotations are written: xyzw, wxyz, matrix, rotvec, ur, abb-quaternion, kuka-abc,
+        fanuc-wpr, yaskawa-rxryrz, staubli-rxryrz, kawasaki-oat, ros-rpy, or an order of axes as
+        SciPy has it, such as zyx or ZYX (docs/conventions.md). By default quaternions whose columns
+        the header calls qx, qy, qz and qw.
+    angle_unit : {"deg", "rad"}, optional
+        Of angles and rotation vectors; by default that of the convention.
+    columns : str, optional
+        Names of the columns that hold the pose, or their numbers from 1, with commas, in the order
+        of the convention; by default its own names.
+    name_column : str, optional
+        Name of the column that names the images, or its number from 1.
+    delimiter : str, optional
+        What divides the columns: comma, semicolon, tab, bar, space, or a sign; by default what the
+        first line has.
+    decimal : {"point", "comma"}
+        How decimals are written.
+
+    Examples
+    --------
+    >>> TableOptions(rotation="kuka-abc").length_unit
+    'mm'
+    """
+
+    rotation: str | None = None
+    angle_unit: AngleUnit | None = None
+    columns: str | None = None
+    name_column: str | None = None
+    delimiter: str | None = None
+    decimal: Literal["point", "comma"] = "point"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        convention = self.convention
+        if convention is not None and convention.has_angles:
+            if (self.angle_unit or convention.angle_unit) is None:
+                raise InvalidInputError(
+                    f"The angles of {self.rotation} may be in degrees or radians; say which with "
+                    "--angle-unit deg or --angle-unit rad."
+                )
+        elif self.angle_unit is not None:
+            raise InvalidInputError(
+                f"angle_unit {self.angle_unit} has no angles to be of; give rotation, or leave it "
+                "out."
+            )
+        if self.delimiter is not None and len(DELIMITERS.get(self.delimiter, self.delimiter)) != 1:
+            raise InvalidInputError(
+                f"delimiter must be one of {', '.join(DELIMITERS)}, or one sign, got "
+                f"{self.delimiter!r}."
+            )
+
+    @property
+    def convention(self) -> PoseConvention | None:
+        """How poses are written, if it is said."""
+        return None if self.rotation is None else find_convention(self.rotation)
+
+    @property
+    def length_unit(self) -> Units:
+        """Unit of the translations: as the user says, or what controllers of the convention show.
+
+        An order of axes belongs to no controller: metres.
+        """
+        convention = self.convention
+        return self.units or (convention.length_unit if convention else None) or "m"
+
+
+@dataclass(frozen=True)
+class PoseRow:
+    """A row of a table.
+
+    Parameters
+    ----------
+    where : str
+        File and line, for errors.
+    name : str, optional
+        Of the image or session, where the table names them.
+    numbers : list of float, optional
+        Of the pose; None if they are unusable and left out.
+    time : float, optional
+        [s].
+    session : str, optional
+    """
+
+    where: str
+    name: str | None
+    numbers: list[float] | None
+    time: float | None = None
+    session: str | None = None
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Which cell of a row is what, counting from 0."""
+
+    delimiter: str
+    n_cells: int
+    convention: PoseConvention
+    pose: tuple[int, ...]
+    name: int | None
+    time: int | None = None
+    session: int | None = None
+
+    @property
+    def used(self) -> set[int]:
+        found = {*self.pose, self.name, self.time, self.session}
+        return {place for place in found if place is not None}
+
+
+def read_pose_table(
+    path: Path, options: TableOptions, key: str = "name"
+) -> tuple[PoseConvention, list[PoseRow]]:
+    """The convention that a table's poses are written in, and its rows.
+
+    A header names the columns, in any order. Without one, columns are those of the convention in
+    their order, and the one that is no number, if any, is the name. Columns are divided by what the
+    first line has: semicolons, tabs, bars, commas, or else spaces, between which a name may have
+    gaps if it comes first or last.
+
+    Parameters
+    ----------
+    path : Path
+    options : TableOptions
+    key : {"name", "session"}
+        What the rows are of.
+
+    Raises
+    ------
+    DataSetError
+        If the table is not what the options say. The message names the line.
+    """
+    layout, rows = None, []
+    for where, line in _lines(path):
+        if layout is None:
+            delimiter = _delimiter(line, options)
+            cells = _split(line.lstrip("#").strip(), delimiter, where)
+            if _is_header(cells):
+                layout = _layout_of_header(cells, delimiter, path, options, key)
+                continue
+            if line.startswith("#"):
+                continue
+            layout = _layout_of_row(cells, delimiter, where, options, key)
+        if not line.startswith("#"):
+            rows.append(_read_row(where, line, layout, options))
+    if layout is None:
+        raise DataSetError(
+            f"{path} is empty; it must begin with the header {','.join(_wanted(options, key))}."
+        )
+    return layout.convention, rows
+
+
+def read_pose_file(path: Path, convention: PoseConvention, options: TableOptions) -> list[float]:
+    """The numbers of the one pose that a file holds, however they are divided into lines.
+
+    Raises
+    ------
+    DataSetError
+        If they are not as many as the convention has, or no pose.
+    """
+    lines = [line for line in read_lines(path, DataSetError) if not line.lstrip().startswith("#")]
+    signs = r"[\s;|\[\]]+" if options.decimal == "comma" else r"[\s,;|\[\]]+"
+    texts = [text for text in re.split(signs, " ".join(lines)) if text]
+    if len(texts) not in _counts(convention):
+        raise DataSetError(
+            f"{path} must hold {_count_words(convention)} ({convention.meaning}), got "
+            f"{len(texts)}; check --rotation."
+        )
+    return _parse(texts, convention, str(path), options)
+
+
+def _lines(path: Path) -> Iterator[tuple[str, str]]:
+    """Where each line that holds something stands, and the line."""
+    for number, line in enumerate(read_lines(path, DataSetError), start=1):
+        if line := line.strip(" \r\n"):
+            yield f"{path}, line {number}", line
+
+
+def _delimiter(line: str, options: TableOptions) -> str:
+    if options.delimiter is not None:
+        return DELIMITERS.get(options.delimiter, options.delimiter)
+    return next((sign for sign in ";\t|," if sign in line.strip()), " ")
+
+
+def _split(line: str, delimiter: str, where: str) -> list[str]:
+    if delimiter.isspace() and delimiter != "\t":
+        return [quoted or bare for quoted, bare in re.findall(r'"([^"]*)"|(\S+)', line)]
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
+    except csv.Error as error:
+        raise DataSetError(f"{where}: not CSV ({error}).") from error
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _is_header(cells: list[str]) -> bool:
+    """Whether cells are names of columns: of those of a row most are numbers."""
+    n_numbers = sum(map(_is_number, cells))
+    return n_numbers < len(cells) / 2 if len(cells) > 1 else not n_numbers
+
+
+def _plain(column: str) -> tuple[str, str]:
+    """Name of a column in small letters, and the unit that it gives."""
+    column = column.strip().lower()
+    if found := _UNIT.match(column):
+        unit = found[2] or found[3] or ""
+        return found[1].strip(), "deg" if unit == "°" else unit
+    return column, ""
+
+
+def _wanted(options: TableOptions, key: str) -> list[str]:
+    return [key, *(options.convention or CONVENTIONS["xyzw"]).columns]
+
+
+def _layout_of_header(
+    cells: list[str], delimiter: str, path: Path, options: TableOptions, key: str
+) -> _Layout:
+    header = [_plain(cell)[0] for cell in cells]
+    convention = options.convention or CONVENTIONS["xyzw"]
+    if options.convention is None and options.columns is not None:
+        _refuse_header(path, cells, options, key, _SAY_ROTATION)
+    name = _name_place(header, options, key, path)
+    pose = _pose_places(header, convention, options, path)
+    missing = [] if name is not None or key == "name" else [key]
+    missing += [c for c, place in zip(convention.columns, pose, strict=False) if place is None]
+    if missing:
+        hint = other_separators(cells[0]) if len(cells) == 1 else ""
+        hint += "" if hint or options.convention else _SAY_ROTATION
+        _refuse_header(path, cells, options, key, f" lacks {', '.join(missing)}{hint}")
+    times = [header.index(time) for time in _TIMES if time in header]
+    layout = _Layout(
+        delimiter,
+        len(header),
+        convention,
+        tuple(place for place in pose if place is not None),
+        name,
+        times[0] if times and times[0] not in pose else None,
+        header.index("session") if "session" in header and key != "session" else None,
+    )
+    repeated = sorted({header[place] for place in layout.used if header.count(header[place]) > 1})
+    if repeated and options.columns is None:
+        _refuse_header(path, cells, options, key, f" repeats {', '.join(repeated)}")
+    _check_units([cells[place] for place in layout.pose], path, options, convention)
+    return layout
+
+
+def _place(column: str, header: list[str]) -> int | None:
+    found = [name for name in (column, *_ALIASES.get(column, [])) if name in header]
+    return header.index(found[0]) if found else None
+
+
+def _name_place(header: list[str], options: TableOptions, key: str, path: Path) -> int | None:
+    if options.name_column is not None and key == "name":
+        return _named_place(options.name_column, header, len(header), path, "name_column")
+    names = _NAMES if key == "name" else (key, *_NAMES)
+    return next((header.index(name) for name in names if name in header), None)
+
+
+def _pose_places(
+    header: list[str], convention: PoseConvention, options: TableOptions, path: Path
+) -> list[int | None]:
+    if options.columns is None:
+        return [_place(column, header) for column in convention.columns]
+    named = options.columns.split(",")
+    if len(named) not in _counts(convention):
+        raise DataSetError(
+            f"--columns must name {_count_words(convention)} ({','.join(convention.columns)}), got "
+            f"{len(named)} ({options.columns})."
+        )
+    return [_named_place(name, header, len(header), path, "columns") for name in named]
+
+
+def _named_place(name: str, header: list[str], n_cells: int, path: Path, option: str) -> int:
+    """The place of a column that an option names, or gives the number of, counting from 1."""
+    name = name.strip().lower()
+    if name in header:
+        return header.index(name)
+    if name.isdecimal() and 1 <= int(name[:6]) <= n_cells:
+        return int(name) - 1
+    what = f"its header is {brief(','.join(header))}" if header else f"it has {n_cells} columns"
+    raise DataSetError(
+        f"{path} has no column {brief(name)}, which --{option.replace('_', '-')} names: {what}."
+    )
+
+
+_SAY_ROTATION = (
+    "; other rotations than quaternions are said with --rotation "
+    f"({', '.join(CONVENTIONS)}, or an order of axes)"
+)
+
+
+def _refuse_header(
+    path: Path, cells: list[str], options: TableOptions, key: str, problem: str
+) -> NoReturn:
+    raise DataSetError(
+        f"{path}: the header must hold {','.join(_wanted(options, key))}, but "
+        f"{brief(','.join(cells))}{problem}. Other names are given with --columns."
+    )
+
+
+def _check_units(
+    names: list[str], path: Path, options: TableOptions, convention: PoseConvention
+) -> None:
+    """Check that units in the names of columns are those that are read."""
+    angle = options.angle_unit or convention.angle_unit
+    for name in names:
+        unit = _plain(name)[1]
+        for known, used, option in (
+            (("m", "mm"), options.length_unit, "--units"),
+            (("deg", "rad"), angle, "--angle-unit"),
+        ):
+            if unit in known and used is not None and unit != used:
+                raise DataSetError(
+                    f"{path}: the header says {name.strip()!r}, but {used} are read; say {option} "
+                    f"{unit}, or mend the header."
+                )
+
+
+def _layout_of_row(
+    cells: list[str], delimiter: str, where: str, options: TableOptions, key: str
+) -> _Layout:
+    """The layout of a table without a header, from its first row."""
+    convention, path = options.convention, Path(where.rsplit(", line ", 1)[0])
+    if convention is None:
+        raise DataSetError(
+            f"{where}: there is no header, so that the order of the columns must be said with "
+            f"--rotation ({', '.join(CONVENTIONS)}, or an order of axes)."
+        )
+    counts, with_gaps = _counts(convention), delimiter == " "
+    numeric = [_is_number(cell) for cell in cells]
+    if options.columns is not None or options.name_column is not None:
+        name = None
+        if options.name_column is not None and key == "name":
+            name = _named_place(options.name_column, [], len(cells), path, "name_column")
+        elif not all(numeric):
+            name = numeric.index(False)
+        if options.columns is not None:
+            pose = _pose_places([""] * len(cells), convention, options, path)
+            found = tuple(place for place in pose if place is not None)
+            return _Layout(delimiter, len(cells), convention, found, name)
+        pose_cells = [i for i in range(len(cells)) if i != name]
+        if len(pose_cells) in counts:
+            return _Layout(delimiter, len(cells), convention, tuple(pose_cells), name)
+    for n in sorted(counts, reverse=True):
+        if len(cells) == n and all(numeric) and key == "name":
+            return _Layout(delimiter, n, convention, tuple(range(n)), None)
+        is_long = len(cells) > n if with_gaps else len(cells) == n + 1
+        if is_long and all(numeric[-n:]) and not numeric[0]:
+            return _Layout(delimiter, n + 1, convention, tuple(range(1, n + 1)), 0)
+        if is_long and all(numeric[:n]) and not numeric[-1]:
+            return _Layout(delimiter, n + 1, convention, tuple(range(n)), n)
+    raise DataSetError(
+        f"{where}: must be a {key} and {_count_words(convention)} ({','.join(convention.columns)})"
+        f", got {len(cells)} cells, {sum(numeric)} of them numbers; say which they are with "
+        "--columns and --name-column, or write a header."
+    )
+
+
+def _read_row(where: str, line: str, layout: _Layout, options: TableOptions) -> PoseRow:
+    cells = _cells_of_row(line, layout, where)
+    if len(cells) != layout.n_cells:
+        if len(cells) > layout.n_cells or not options.skip_bad:
+            _refuse_length(cells, layout.n_cells, where)
+        name = cells[layout.name] if layout.name is not None and layout.name < len(cells) else None
+        return PoseRow(where, name, None)
+    name = cells[layout.name] if layout.name is not None else None
+    session = cells[layout.session] if layout.session is not None else None
+    try:
+        numbers = _parse([cells[place] for place in layout.pose], layout.convention, where, options)
+        time = None
+        if layout.time is not None:
+            time = parse_numbers([_with_point(cells[layout.time], options)], ["time"], where)[0]
+    except DataSetError:
+        if not options.skip_bad:
+            raise
+        return PoseRow(where, name, None, None, session)
+    return PoseRow(where, name, numbers, time, session)
+
+
+def _cells_of_row(line: str, layout: _Layout, where: str) -> list[str]:
+    """The cells of a row; between spaces, the name keeps its gaps if it comes first or last."""
+    cells = _split(line, layout.delimiter, where)
+    while len(cells) > layout.n_cells and not cells[-1]:
+        cells.pop()
+    n_gaps = len(cells) - layout.n_cells
+    if layout.delimiter != " " or n_gaps <= 0 or '"' in line:
+        return cells
+    words = list(re.finditer(r"\S+", line))
+    if layout.name == 0:
+        return [line[: words[n_gaps].end()], *cells[n_gaps + 1 :]]
+    if layout.name == layout.n_cells - 1:
+        return [*cells[: layout.name], line[words[layout.name].start() :]]
+    return cells
+
+
+def _parse(
+    texts: list[str], convention: PoseConvention, where: str, options: TableOptions
+) -> list[float]:
+    texts = [_with_point(text, options) for text in texts]
+    if len(texts) == len(convention.columns) + 4:
+        last = parse_numbers(texts[-4:], [f"r4{i}" for i in range(1, 5)], where)
+        if max(abs(a - float(b)) for a, b in zip(last, _LAST_ROW, strict=True)) > 1e-6:
+            raise DataSetError(
+                f"{where}: the last row of the matrix must be 0 0 0 1, got "
+                f"{' '.join(f'{number:g}' for number in last)}; write it row by row, not column "
+                "by column."
+            )
+        texts = texts[:-4]
+    return parse_pose(texts, convention, where, options.length_unit, options.angle_unit)
+
+
+def _with_point(text: str, options: TableOptions) -> str:
+    return text.replace(",", ".") if options.decimal == "comma" and "." not in text else text
+
+
+def _counts(convention: PoseConvention) -> set[int]:
+    """How many numbers a pose may have: the last row of a matrix may be left out."""
+    n = len(convention.columns)
+    return {n, n + 4} if convention.columns == MATRIX_COLUMNS else {n}
+
+
+def _count_words(convention: PoseConvention) -> str:
+    return f"{' or '.join(map(str, sorted(_counts(convention))))} numbers"
+
+
+def _refuse_length(cells: list[str], n_cells: int, where: str) -> NoReturn:
+    found = f"{len(cells)} cell{'s' * (len(cells) != 1)}"
+    hint = other_separators(cells[0]) if len(cells) == 1 else ""
+    if len(cells) > n_cells:
+        hint = ": decimal commas, or a separator too many? Write decimals with a point"
+    raise DataSetError(
+        f"{where} has {found}, but the first line has {n_cells} columns{hint}; divide all lines "
+        "alike."
+    )
