@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
+from servoscope.data.clock import ImagePairs, unexplained
 from servoscope.data.image_motion import (
     camera_motions,
-    explained_by_any,
     explained_by_camera,
     image_shifts,
     nearest_pairs,
@@ -25,6 +25,7 @@ from servoscope.data.image_motion import (
 from servoscope.data.images import PoseImageSet
 from servoscope.data.independence import IndependentGroups, independent_groups
 from servoscope.data.pixel_noise import estimate_pixel_noise
+from servoscope.data.trajectory import Trajectory
 from servoscope.dofs import mask_of
 from servoscope.kernels.repeats import find_repeats
 from servoscope.poses import DOFS, inverse_transform, pose_error
@@ -432,29 +433,21 @@ def _lags_of_sequence(view: _View) -> tuple[Array, Array]:
     first, second, shifts = view.pairs_in_time()
     if not len(first):
         return np.empty(0), np.empty(0)
-    middle = (view.seconds[first] + view.seconds[second]) / 2
-    apart = (view.seconds[second] - view.seconds[first])[:, None]
-    rates = camera_motions(view.data.T_world_cam, first, second) / apart
-    runs, usual = view.runs[first], float(np.median(np.diff(view.seconds)))
-    n = MOST_ROWS
+    usual, n = float(np.median(np.diff(view.seconds))), MOST_ROWS
+    step = usual
     if view.data.times is not None:
         n = max(n, min(int(np.ceil(MOST_SECONDS / usual)), _MOST_LAGS))
-        usual = max(usual, MOST_SECONDS / _MOST_LAGS)
+        step = max(usual, MOST_SECONDS / _MOST_LAGS)
         n += 1  # so that the farthest is between others
-    lags = usual * np.arange(-n, n + 1)
-    tried, left = [], []
-    for lag in lags:
-        at = middle - lag
-        i = np.clip(np.searchsorted(middle, at - 1e-9), 0, len(middle) - 1)
-        j = np.maximum(np.searchsorted(middle, at + 1e-9) - 1, 0)
-        inside = (runs[i] == runs) & (runs[j] == runs) & (at >= middle[0] - 1e-9)
-        inside &= at <= middle[-1] + 1e-9
-        if inside.sum() < _LEAST_PAIRS:
-            continue
-        then = np.column_stack([np.interp(at, middle, rate) for rate in rates.T])
-        tried.append(lag)
-        left.append(1 - explained_by_any((apart * then)[inside], shifts[inside]))
-    return np.array(tried), np.array(left)
+    pairs = ImagePairs(view.seconds[first], view.seconds[second], shifts)
+    lags = step * np.arange(-n, n + 1)
+    left = np.array(
+        [
+            unexplained(pairs, Trajectory(view.seconds, view.data.T_world_cam), lag, usual)
+            for lag in lags
+        ]
+    )
+    return lags[np.isfinite(left)], left[np.isfinite(left)]
 
 
 def _lags_in_rows(view: _View) -> tuple[Array, Array]:

@@ -7,9 +7,10 @@ from .folder import read_folder as read_folder
 from .images import read_grey as read_grey
 from .options import ImportOptions as ImportOptions
 from .pose_text import T_world_cam_from_numbers as T_world_cam_from_numbers
+from .recordings import RecordingOptions as RecordingOptions
+from .recordings import Trajectory as Trajectory
+from .recordings import pair_in_time as pair_in_time
 from .registry import FORMATS as FORMATS
 from .registry import Format as Format
-from .stamps import Trajectory as Trajectory
-from .stamps import pair_in_time as pair_in_time
 from .tum import TumOptions as TumOptions
 from .tum import read_tum as read_tum

@@ -6,24 +6,34 @@ import warnings
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import DataSetError, ServoscopeWarning
-from servoscope.formats.frames import BAD_IMAGE, FAR, HELD_POSE, Drops, Frames, held_poses
+from servoscope.formats.frames import (
+    BAD_IMAGE,
+    FAR,
+    HELD_POSE,
+    THINNED,
+    Drops,
+    Frames,
+    held_poses,
+)
 from servoscope.formats.images import (
     GreyLevels,
     filled_bits,
-    read_levels,
-    read_stack,
+    stack_images,
     to_eight_bits,
-    which_readable,
 )
 from servoscope.formats.neighbourhood import choose_reference, near_reference
 from servoscope.formats.options import ImportOptions
 from servoscope.poses import pose_error
+
+MOST_BYTES = 2**29
+"""Most bytes of images that are kept of a bag or a video."""
 
 
 def assemble_data_set(
@@ -32,6 +42,7 @@ def assemble_data_set(
     drops: Drops,
     format_name: str,
     on_progress: Callable[[int], object] | None = None,
+    facts: dict[str, Any] | None = None,
 ) -> PoseImageSet:
     """Read the images around the reference, and join them with their poses.
 
@@ -48,6 +59,8 @@ def assemble_data_set(
         Noted in the source of the data set.
     on_progress : callable, optional
         Called with the number of images read.
+    facts : dict, optional
+        What else is noted in the source of the data set, as plain JSON values.
 
     Returns
     -------
@@ -72,7 +85,10 @@ def assemble_data_set(
     while True:
         frames, reference, levels, brightest = _take_reference(frames, unfit, options, drops)
         near = near_reference(frames, reference, options.max_mm, options.max_deg)
-        kept, stack, largest = _read_images(frames.take(near), levels, options, drops, on_progress)
+        kept_places = _thinned(frames, near, reference, levels, options)
+        kept, stack, largest = _read_images(
+            frames.at(kept_places), levels, options, drops, on_progress
+        )
         bits = _filled_bits(levels, max(brightest, largest), frames.folder, options)
         images, reference_image = to_eight_bits(stack, bits), to_eight_bits(levels[None], bits)[0]
         faults = image_faults(images, kept.T_world_cam) | {HELD_POSE: held_poses(images, kept)}
@@ -81,6 +97,8 @@ def assemble_data_set(
         bad = np.any(list(faults.values()), axis=0)
         unfit = np.union1d(unfit, kept.take(bad).names)
     reference_name, far_names = frames.names[reference], frames.take(~near).names
+    near[kept_places] = False
+    drops.add(THINNED, frames.take(near).names)
     if options.skip_bad:
         for reason, is_bad in faults.items():
             drops.add(reason, kept.take(is_bad).names)
@@ -108,6 +126,7 @@ def assemble_data_set(
             "reference": reference_name,
             "n_kept": len(kept),
             "dropped": drops.counts(),
+            **(facts or {}),
             **({} if levels.dtype == np.uint8 else {"bit_depth": bits}),
         },
     )
@@ -168,6 +187,35 @@ def _choose_split(frames: Frames, options: ImportOptions) -> str:
     return options.split
 
 
+def _thinned(
+    frames: Frames,
+    near: NDArray[np.bool_],
+    reference: int,
+    levels: GreyLevels,
+    options: ImportOptions,
+) -> NDArray[np.intp]:
+    """Places of the frames that are kept of those near the reference: evenly chosen, if too many.
+
+    Those of a stream, which may be far larger than the memory, take `MOST_BYTES` at most.
+    """
+    places = np.flatnonzero(near)
+    most = len(places) if options.max_images is None else options.max_images
+    if frames.read is not None:
+        fit = max(2, MOST_BYTES // levels.nbytes)
+        if options.max_images is not None and min(most, len(places)) > fit:
+            raise DataSetError(
+                f"{frames.folder}: {min(most, len(places))} images of {levels.shape[1]} x "
+                f"{levels.shape[0]} px are more than {MOST_BYTES / 1e6:.0f} MB, which hold {fit}; "
+                "give a smaller --image-width, or fewer by --max-images."
+            )
+        most = min(most, fit)
+    if len(places) <= most:
+        return places
+    at = np.unique(np.linspace(0, len(places) - 1, most).round().astype(np.intp))
+    at[np.abs(places[at] - reference).argmin()] = np.searchsorted(places, reference)
+    return places[np.unique(at)]
+
+
 def _take_reference(
     frames: Frames, unfit: NDArray[np.str_], options: ImportOptions, drops: Drops
 ) -> tuple[Frames, int, GreyLevels, int]:
@@ -180,13 +228,13 @@ def _take_reference(
             "saturated, flat or repeated, or their poses stay; check the camera."
         )
     reference = int(fit[choose_reference(frames.at(fit), options)])
-    path = Path(frames.at(np.array([reference])).paths[0])
-    try:
-        return frames, reference, *read_levels(path, options.image_width)
-    except DataSetError:
-        if options.names_reference or not options.skip_bad:
-            raise
-    frames = _keep(frames, which_readable(frames.paths), BAD_IMAGE, drops)
+    decoded = next(frames.at(np.array([reference])).images(options.image_width))
+    if not isinstance(decoded, DataSetError):
+        return frames, reference, *decoded
+    if options.names_reference or not options.skip_bad:
+        raise decoded
+    readable = [not isinstance(image, DataSetError) for image in frames.images()]
+    frames = _keep(frames, np.array(readable), BAD_IMAGE, drops)
     return _take_reference(frames, unfit, options, drops)
 
 
@@ -198,8 +246,9 @@ def _read_images(
     on_progress: Callable[[int], object] | None,
 ) -> tuple[Frames, GreyLevels, int]:
     """The frames whose images can be read, the images, and their largest grey level."""
-    images, largest, errors = read_stack(
-        frames.paths, reference, options.image_width, on_progress, skip_bad=options.skip_bad
+    decoded = frames.images(options.image_width)
+    images, largest, errors = stack_images(
+        decoded, frames.paths, reference, on_progress, skip_bad=options.skip_bad
     )
     if not any(errors):
         return frames, images, largest

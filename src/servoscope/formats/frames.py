@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 from collections import Counter, defaultdict
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from unicodedata import normalize
 
@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import DataSetError
+from servoscope.formats.images import Decoded, decode_files
 
 NO_POSE = "without a pose near in time"
 BAD_POSE = "with an unusable pose"
 EQUAL_STAMPS = "stamps of several poses"
 BAD_IMAGE = "with an unusable image"
 FAR = "far from the reference"
+THINNED = "between others, as there are more than are kept"
 HELD_POSE = "with a pose that stays while the image changes"
 
 _NAMES_SHOWN = 3
@@ -77,6 +79,9 @@ class Frames:
         [m], OpenCV axes.
     times : ndarray of shape (n,), optional
         [s].
+    read : callable, optional
+        Yields the images of frames in their order, or why one cannot be read, given the frames and
+        the width to resize to; by default they are files.
     """
 
     folder: Path
@@ -84,13 +89,20 @@ class Frames:
     numbers: NDArray[np.intp]
     T_world_cam: NDArray[np.float64]
     times: NDArray[np.float64] | None = None
+    read: FrameReader | None = None
+
+    def images(self, width: int | None = None) -> Iterator[Decoded]:
+        """The images in the order of the frames, or why one cannot be read."""
+        return decode_files(self.paths, width) if self.read is None else self.read(self, width)
 
     def __len__(self) -> int:
         return len(self.names)
 
     @property
     def paths(self) -> list[str]:
-        """Files of the images, as the disk spells them."""
+        """Files of the images, as the disk spells them; or what they are called in messages."""
+        if self.read is not None:
+            return [f"{self.folder}, image {name}" for name in self.names]
         listings: dict[str, dict[str, str]] = {}
         return [_path_on_disk(str(self.folder), name, listings) for name in self.names]
 
@@ -100,13 +112,16 @@ class Frames:
 
     def at(self, places: NDArray[np.intp]) -> Frames:
         """The frames at these places."""
-        return Frames(
-            self.folder,
-            [self.names[place] for place in places],
-            self.numbers[places],
-            self.T_world_cam[places],
-            None if self.times is None else self.times[places],
+        return replace(
+            self,
+            names=[self.names[place] for place in places],
+            numbers=self.numbers[places],
+            T_world_cam=self.T_world_cam[places],
+            times=None if self.times is None else self.times[places],
         )
+
+
+FrameReader = Callable[[Frames, int | None], Iterator[Decoded]]
 
 
 def check_names_differ(names: list[str], path: Path) -> None:

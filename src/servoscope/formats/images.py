@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from os import PathLike
 from pathlib import Path
@@ -92,9 +92,12 @@ def to_eight_bits(levels: NDArray[np.uint8] | NDArray[np.uint16], bits: int) -> 
     return images
 
 
-_FILES_AT_ONCE = 4096
+_FILES_AT_ONCE = 256
 
 GreyLevels = NDArray[np.uint8] | NDArray[np.uint16]
+
+Decoded = tuple[GreyLevels, int] | DataSetError
+"""A grey image and its largest level before it is resized, or why it cannot be read."""
 
 
 def read_grey(
@@ -142,106 +145,112 @@ def read_levels(path: Path, width: int | None = None) -> tuple[GreyLevels, int]:
     DataSetError
         As `read_grey`.
     """
-    levels = _decode(path)
+    return resized(_decode(path), width, path)
+
+
+def resized(levels: GreyLevels, width: int | None, where: object) -> tuple[GreyLevels, int]:
+    """An image of the wanted width, and its largest level before it is resized.
+
+    Raises
+    ------
+    DataSetError
+        If it would have more pixels than `LARGEST_IMAGE`.
+    """
     brightest = int(levels.max())
     if width is None or width == levels.shape[1]:
         return levels, brightest
     height = max(1, round(levels.shape[0] * width / levels.shape[1]))
     if height * width > LARGEST_IMAGE:
         raise DataSetError(
-            f"{path} would be {width} x {height} px, more than {LARGEST_IMAGE} pixels; take a "
+            f"{where} would be {width} x {height} px, more than {LARGEST_IMAGE} pixels; take a "
             "smaller --image-width."
         )
     method = cv2.INTER_AREA if width < levels.shape[1] else cv2.INTER_LINEAR
-    resized: Any = cv2.resize(levels, (width, height), interpolation=method)
-    return resized, brightest
+    image: Any = cv2.resize(levels, (width, height), interpolation=method)
+    return image, brightest
 
 
-def read_stack(
-    paths: Sequence[str | Path],
+def decode_files(paths: Sequence[str | Path], width: int | None = None) -> Iterator[Decoded]:
+    """The grey images in files, in their order, read side by side; or why one cannot be read."""
+
+    def decoded(path: str | Path) -> Decoded:
+        try:
+            return read_levels(Path(path), width)
+        except DataSetError as error:
+            return error
+
+    pool = ThreadPoolExecutor()
+    try:
+        for start in range(0, len(paths), _FILES_AT_ONCE):
+            yield from pool.map(decoded, paths[start : start + _FILES_AT_ONCE])
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def stack_images(
+    decoded: Iterable[Decoded],
+    names: Sequence[str | Path],
     like: GreyLevels,
-    width: int | None = None,
     on_progress: Callable[[int], object] | None = None,
     *,
     skip_bad: bool = False,
 ) -> tuple[GreyLevels, int, list[DataSetError | None]]:
-    """Grey images of one shape from many files, read side by side.
+    """Grey images of one shape in one array.
 
     Parameters
     ----------
-    paths : sequence of n paths
+    decoded : iterable of n
+        As `decode_files` yields them.
+    names : sequence of n
+        What messages call them.
     like : ndarray of shape (height, width), uint8 or uint16
-        An image that all must have the shape and type of, after resizing.
-    width : int, optional
-        Width to resize to, [px].
+        An image that all must have the shape and type of.
     on_progress : callable, optional
-        Called with the number of files read.
+        Called with the number of images read.
     skip_bad : bool
-        Go on after a file that cannot be read, rather than raise its error.
+        Go on after an image that cannot be read, rather than raise its error.
 
     Returns
     -------
     images : ndarray of shape (n, height, width), uint8 or uint16
-        Black where a file could not be read.
+        Black where one could not be read.
     brightest : int
         Largest grey level of all, before they are resized.
     errors : list of n DataSetError or None
-        Why a file could not be read, or what other shape or type it has.
+        Why an image could not be read, or what other shape or type it has.
 
     Raises
     ------
     DataSetError
         The first of these errors, unless they are to be skipped.
     """
-    images = np.zeros((len(paths), *like.shape), like.dtype)
-    brightest = np.zeros(len(paths), dtype=np.int64)
-
-    def read_into_stack(i: int) -> DataSetError | None:
-        try:
-            image, largest = read_levels(Path(paths[i]), width)
-        except DataSetError as error:
-            return error
-        if image.shape != like.shape:
-            return DataSetError(
-                f"{paths[i]} is {_size(image.shape)} px, but the reference image is "
-                f"{_size(like.shape)} px; all images must be of one size and aspect ratio."
-            )
-        if image.dtype != like.dtype:
-            return DataSetError(
-                f"{paths[i]} is of {image.dtype}, but the reference image of {like.dtype}; save "
-                "all images with the same bits."
-            )
-        images[i], brightest[i] = image, largest
-        return None
-
+    images = np.zeros((len(names), *like.shape), like.dtype)
     errors: list[DataSetError | None] = []
-    pool = ThreadPoolExecutor()
-    try:
-        for start in range(0, len(paths), _FILES_AT_ONCE):
-            some = range(start, min(start + _FILES_AT_ONCE, len(paths)))
-            for error in pool.map(read_into_stack, some):
-                if error is not None and not skip_bad:
-                    raise error
-                errors.append(error)
-                if on_progress is not None:
-                    on_progress(len(errors))
-    finally:
-        pool.shutdown(cancel_futures=True)
-    return images, int(brightest.max(initial=0)), errors
+    brightest = 0
+    for name, found in zip(names, decoded, strict=True):
+        error = found if isinstance(found, DataSetError) else _unlike(found[0], like, name)
+        if error is not None and not skip_bad:
+            raise error
+        if error is None and not isinstance(found, DataSetError):
+            images[len(errors)], brightest = found[0], max(brightest, found[1])
+        errors.append(error)
+        if on_progress is not None:
+            on_progress(len(errors))
+    return images, brightest, errors
 
 
-def which_readable(paths: Sequence[str | Path]) -> NDArray[np.bool_]:
-    """Which of the files hold a whole image."""
-
-    def is_readable(path: str | Path) -> bool:
-        try:
-            read_levels(Path(path))
-        except DataSetError:
-            return False
-        return True
-
-    with ThreadPoolExecutor() as pool:
-        return np.fromiter(pool.map(is_readable, paths), dtype=bool, count=len(paths))
+def _unlike(image: GreyLevels, like: GreyLevels, name: str | Path) -> DataSetError | None:
+    if image.shape != like.shape:
+        return DataSetError(
+            f"{name} is {_size(image.shape)} px, but the reference image is "
+            f"{_size(like.shape)} px; all images must be of one size and aspect ratio."
+        )
+    if image.dtype != like.dtype:
+        return DataSetError(
+            f"{name} is of {image.dtype}, but the reference image of {like.dtype}; save "
+            "all images with the same bits."
+        )
+    return None
 
 
 def _decode(path: Path) -> GreyLevels:

@@ -38,6 +38,9 @@ class ImportOptions:
         default.
     max_deg : float, optional
         Keep only frames turned by at most this angle from the reference [deg]; all by default.
+    max_images : int, optional
+        Keep at most so many of these, evenly chosen; all by default, of a bag or a video as many as
+        512 MB hold.
     pivot_mm : float
         Distance from the camera along its optical axis of the pivot that displacements are
         taken about [mm], best the distance of the part; 0 takes them about the camera.
@@ -75,6 +78,7 @@ class ImportOptions:
     reference_index: int | None = None
     max_mm: float | None = None
     max_deg: float | None = None
+    max_images: int | None = None
     pivot_mm: float = 550.0
     direction: Direction = "camera-to-world"
     units: Units | None = None
@@ -85,11 +89,7 @@ class ImportOptions:
 
     def __post_init__(self) -> None:
         for name, choices in _choices(type(self)).items():
-            if getattr(self, name) not in choices:
-                named = ", ".join(choice for choice in choices if choice is not None)
-                raise InvalidInputError(
-                    f"{name} must be one of {named}, got {getattr(self, name)!r}."
-                )
+            self._check_choice(name, choices)
         if self.reference != MOST_NEIGHBOURS and self.reference_index is not None:
             raise InvalidInputError(
                 f"Give reference ({self.reference!r}) or reference_index "
@@ -99,6 +99,8 @@ class ImportOptions:
             self._check_number(name, above_zero=True)
         if self.bit_depth is not None and self.bit_depth not in range(8, 17):
             raise InvalidInputError(f"bit_depth must be from 8 to 16, got {self.bit_depth}.")
+        if self.max_images is not None and not self.max_images >= 2:
+            raise InvalidInputError(f"max_images must be at least 2, got {self.max_images}.")
         for name in ("pivot_mm", "reference_index"):
             self._check_number(name, above_zero=False)
 
@@ -111,6 +113,11 @@ class ImportOptions:
     def names_reference(self) -> bool:
         """Whether the user named the reference frame, by name or by number."""
         return self.reference != MOST_NEIGHBOURS or self.reference_index is not None
+
+    def _check_choice(self, name: str, choices: tuple[Any, ...]) -> None:
+        if getattr(self, name) not in choices:
+            named = ", ".join(choice for choice in choices if choice is not None)
+            raise InvalidInputError(f"{name} must be one of {named}, got {getattr(self, name)!r}.")
 
     def _check_number(self, name: str, *, above_zero: bool) -> None:
         value = getattr(self, name)

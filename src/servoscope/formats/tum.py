@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-import warnings
 from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from reprlib import repr as brief
-from typing import Literal
 
 import numpy as np
 
 from servoscope.data.images import PoseImageSet
-from servoscope.errors import DataSetError, ServoscopeWarning
-from servoscope.formats.assembly import assemble_data_set
+from servoscope.errors import DataSetError
 from servoscope.formats.conventions import CONVENTIONS
 from servoscope.formats.frames import (
     BAD_POSE,
     EQUAL_STAMPS,
-    NO_POSE,
     Drops,
     Frames,
     check_names_differ,
 )
-from servoscope.formats.options import ImportOptions, QuaternionOrder
+from servoscope.formats.options import QuaternionOrder
 from servoscope.formats.pose_text import (
     T_world_cam_from_numbers,
     check_folder,
@@ -35,12 +31,11 @@ from servoscope.formats.pose_text import (
     parse_pose,
     relative_name,
 )
+from servoscope.formats.recordings import RecordingOptions, assemble_recording
 from servoscope.formats.stamps import (
     Trajectory,
     check_seconds,
-    pair_in_time,
     resolution,
-    stamp_warnings,
     without_equal_stamps,
 )
 from servoscope.storage.reading import read_lines
@@ -49,17 +44,11 @@ _COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
 
 @dataclass(frozen=True, kw_only=True)
-class TumOptions(ImportOptions):
-    """Options of a TUM sequence, besides those of every format.
+class TumOptions(RecordingOptions):
+    """Options of a TUM sequence, besides those of every recording.
 
     Parameters
     ----------
-    max_gap_s : float
-        Largest gap between an image and the pose nearest in time [s]; images without a pose
-        that near are left out.
-    pairing : {"interpolate", "nearest"}
-        The pose of an image: interpolated between the poses before and after it, or the nearest
-        one as it stands.
     quaternion_order : {"xyzw", "wxyz"}
         Order of the quaternion: scalar last, as the format has it, or scalar first.
 
@@ -69,13 +58,7 @@ class TumOptions(ImportOptions):
     0.02
     """
 
-    max_gap_s: float = 0.02
-    pairing: Literal["interpolate", "nearest"] = "interpolate"
     quaternion_order: QuaternionOrder = "xyzw"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_number("max_gap_s", above_zero=False)
 
 
 def read_tum(
@@ -133,19 +116,17 @@ def read_tum(
     check_folder(folder, "rgb.txt", "groundtruth.txt")
     names, times, image_step = _read_image_list(folder / "rgb.txt")
     trajectory, pose_step = _read_trajectory(folder / "groundtruth.txt", options, drops)
-    T_world_cam, gaps = pair_in_time(trajectory, times, options.pairing)
-    frames = Frames(folder, names, np.arange(len(names)), T_world_cam, times)
-    paired = gaps <= options.max_gap_s
-    if not paired.any():
-        raise DataSetError(
-            f"{folder}: no image of rgb.txt has a pose in groundtruth.txt within "
-            f"{options.max_gap_s:g} s (the least gap is {gaps.min():.6g} s); check that both count "
-            "seconds from the same moment, or raise --max-gap-s."
-        )
-    for text in stamp_warnings(trajectory, times[paired], max(image_step, pose_step)):
-        warnings.warn(f"{folder}: {text}", ServoscopeWarning, stacklevel=2)
-    drops.add(NO_POSE, frames.take(~paired).names)
-    return assemble_data_set(frames.take(paired), options, drops, "tum", on_progress)
+    images = Frames(folder, names, np.arange(len(names)), np.empty((len(names), 4, 4)), times)
+    return assemble_recording(
+        images,
+        trajectory,
+        options,
+        drops,
+        "tum",
+        on_progress,
+        step=max(image_step, pose_step),
+        called=("images of rgb.txt", "groundtruth.txt"),
+    )
 
 
 def _read_image_list(path: Path) -> tuple[list[str], np.ndarray, float]:

@@ -1,0 +1,171 @@
+"""How far the clock of the camera is ahead of that of the robot, by what images and poses say.
+
+Images that shift against each other while the camera moves say when it moved. The shifts between
+neighbouring images are regressed on the motions of the camera at times that are displaced by a
+lag; the lag that explains most is the offset of the clocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from servoscope.data.image_motion import camera_motions, explained_by_any
+from servoscope.data.trajectory import Trajectory, pair_in_time
+
+Array = NDArray[np.float64]
+
+LEAST_PAIRS = 40
+"""Pairs of images below which lags are not compared."""
+
+MOST_SECONDS = 1.0
+"""Offsets of clocks that are looked for, to either side."""
+
+MOST_UNEXPLAINED = 0.5
+"""Share of the shifts that may be unexplained where an offset is believed."""
+
+_NEAR = 0.75  # of the usual pause between poses, from a time to the pose nearest to it
+_BLOCKS = 10
+_MOST_LAGS = 120
+
+
+class ImagePairs(NamedTuple):
+    """Pairs of images that were taken shortly after each other.
+
+    Parameters
+    ----------
+    first, second : ndarrays of shape (n,)
+        When, [s].
+    shifts : ndarray of shape (n, 2)
+        By how much the second is shifted against the first, [px].
+    """
+
+    first: Array
+    second: Array
+    shifts: Array
+
+
+class ClockOffset(NamedTuple):
+    """Offset of the clocks: an image stamped ``t`` was taken at the pose of ``t - seconds``.
+
+    Parameters
+    ----------
+    seconds : float
+    std : float
+        Its standard deviation, [s].
+    unexplained, unexplained_then : float
+        Share of the images' shifts that the motions do not explain, without and with it.
+    """
+
+    seconds: float
+    std: float
+    unexplained: float
+    unexplained_then: float
+
+    @property
+    def is_believable(self) -> bool:
+        """Whether the motions explain most of the shifts then."""
+        is_explained = self.unexplained_then < MOST_UNEXPLAINED
+        return is_explained and self.std < 0.25 * MOST_SECONDS
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether there is an offset: it is beyond its uncertainty, and explains more."""
+        is_better = self.unexplained > 1.2 * self.unexplained_then
+        return self.is_believable and is_better and abs(self.seconds) > 4 * self.std
+
+
+def unexplained(pairs: ImagePairs, trajectory: Trajectory, lag: float, pause: float) -> float:
+    """Share of the images' shifts that is not linear in the camera's motions a lag earlier.
+
+    Parameters
+    ----------
+    pairs : ImagePairs
+    trajectory : Trajectory
+        Of the camera, or of anything that moves with it.
+    lag : float
+        [s].
+    pause : float
+        Usual time between poses, [s]; pairs without a pose that near do not count.
+
+    Returns
+    -------
+    float
+        NaN if fewer than `LEAST_PAIRS` are left.
+    """
+    T, gaps = pair_in_time(trajectory, np.concatenate([pairs.first, pairs.second]) - lag)
+    n = len(pairs.first)
+    inside = (gaps[:n] <= _NEAR * pause) & (gaps[n:] <= _NEAR * pause)
+    if inside.sum() < LEAST_PAIRS:
+        return float("nan")
+    every = np.arange(n)[inside]
+    return 1 - explained_by_any(camera_motions(T, every, every + n), pairs.shifts[inside])
+
+
+def estimate_clock_offset(pairs: ImagePairs, trajectory: Trajectory) -> ClockOffset | None:
+    """The lag that explains the images' shifts best, within `MOST_SECONDS`, and how certain it is.
+
+    Returns
+    -------
+    ClockOffset or None
+        None if there are too few pairs, or nothing moves.
+
+    Notes
+    -----
+    The standard deviation is that of the jackknife over stretches of the recording.
+
+    Examples
+    --------
+    A camera that swings before a far wall, whose stamps are 80 ms late:
+
+    >>> t = np.arange(0.0, 8.0, 0.01)
+    >>> T = np.tile(np.eye(4), (len(t), 1, 1))
+    >>> T[:, 0, 3] = 0.1 * np.sin(1.7 * t) + 0.05 * np.sin(4 * t)
+    >>> at = t[20:-20:4]
+    >>> x = np.interp(at - 0.08, t, T[:, 0, 3])
+    >>> shifts = np.column_stack([-300 * np.diff(x), np.zeros(len(x) - 1)])
+    >>> offset = estimate_clock_offset(ImagePairs(at[:-1], at[1:], shifts), Trajectory(t, T))
+    >>> round(offset.seconds, 3)
+    0.08
+    """
+    order = np.argsort(trajectory.times, kind="stable")
+    trajectory = Trajectory(trajectory.times[order], trajectory.T_world_cam[order])
+    if len(order) < 3 or len(pairs.first) < LEAST_PAIRS:
+        return None
+    pause = float(np.median(np.diff(trajectory.times)))
+    spacing = float(np.median(pairs.second - pairs.first))
+    step = max(min(pause, spacing / 2), 2 * MOST_SECONDS / _MOST_LAGS)
+    n = int(np.ceil(MOST_SECONDS / step))
+    lags = step * np.arange(-n, n + 1)
+
+    def left(lag: float, some: ImagePairs = pairs) -> float:
+        return unexplained(some, trajectory, lag, max(pause, step))
+
+    curve = np.array([left(lag) for lag in lags])
+    if np.isnan(curve).all():
+        return None
+    best = float(lags[np.nanargmin(curve)])
+    lag = _refined(left, best, step)
+    blocks = np.array_split(np.argsort(pairs.first, kind="stable"), _BLOCKS)
+    every = np.arange(len(pairs.first))
+    others = [np.setdiff1d(every, block) for block in blocks]
+    parts = [ImagePairs(*(part[kept] for part in pairs)) for kept in others]
+    found = np.array([_refined(partial(left, some=part), best, step) for part in parts])
+    std = np.sqrt((_BLOCKS - 1) / _BLOCKS * np.square(found - found.mean()).sum())
+    return ClockOffset(lag, float(std), left(0.0), left(lag))
+
+
+def _refined(left: Callable[[float], float], best: float, step: float) -> float:
+    """The lag within two steps of the best one at which least is unexplained."""
+    found = minimize_scalar(
+        lambda lag: np.nan_to_num(left(lag), nan=1.0),
+        bounds=(best - 2 * step, best + 2 * step),
+        method="bounded",
+        options={"xatol": 1e-4},
+    )
+    return float(found.x)
