@@ -5,11 +5,15 @@ import pytest
 
 from planar import PIVOT, RANGES
 from servoscope.poses import (
-    displacements_from_poses,
     poses_from_displacements,
     rigid_transform,
 )
-from servoscope.positioning.arrival import averaged, is_noise_only, is_within_tolerance, unread
+from servoscope.positioning.arrival import (
+    asks_for_a_move,
+    is_noise_only,
+    is_within_tolerance,
+    unread,
+)
 from servoscope.positioning.interfaces import Estimate
 from servoscope.positioning.settings import LoopSettings
 
@@ -73,38 +77,13 @@ def test_dofs_that_are_no_better_known_than_the_range_are_not_read() -> None:
     assert unread(_estimate(np.zeros(6), 1e-4), still) == []
 
 
-def _looks(rng, truth, noise, std, n: int = 8):
-    return [_estimate(truth + noise * rng.normal(size=6), std) for _ in range(n)]
-
-
-def test_the_mean_of_images_from_one_pose_errs_by_the_root_of_their_number_less() -> None:
-    rng, noise = np.random.default_rng(0), 0.01 * RANGES
-    errors, believed = [], []
-    for _ in range(200):
-        mean = averaged(_looks(rng, 0 * RANGES, noise, noise), PIVOT, LoopSettings(), None).estimate
-        errors.append(displacements_from_poses(np.eye(4), mean.displacement[None], PIVOT)[0])
-        believed.append(mean.std)
-    assert np.std(errors, axis=0) == pytest.approx(noise / np.sqrt(8), rel=0.2)
-    assert np.mean(np.abs(errors) < 2 * np.array(believed)) > 0.9
-
-
-def test_what_does_not_scatter_stays_in_the_deviation_of_the_mean() -> None:
-    noise, known = 1e-3 * RANGES, 0.01 * RANGES
-    looks = _looks(np.random.default_rng(1), 0 * RANGES, noise, np.hypot(noise, known))
-    assert averaged(looks, PIVOT, LoopSettings(), None).estimate.std == pytest.approx(
-        known, rel=0.02
-    )
-
-
 def test_a_mean_beyond_its_noise_asks_for_a_move_unless_a_tolerance_is_met() -> None:
     noise = 0.01 * RANGES
-    off, there = (
-        _looks(np.random.default_rng(2), share * noise, noise, noise) for share in (1.5, 0)
-    )
+    off, there = _estimate(1.6 * noise, noise), _estimate(1.4 * noise, noise)
     asked = LoopSettings(tolerance_mm=50, tolerance_deg=10)
     missed = LoopSettings(tolerance_mm=1e-3)
-    assert averaged(off, PIVOT, LoopSettings(), None).asks_for_a_move
-    assert not averaged(there, PIVOT, LoopSettings(), None).asks_for_a_move
-    assert not averaged(off, PIVOT, asked, None).asks_for_a_move
-    assert averaged(off, PIVOT, missed, None).asks_for_a_move
-    assert not averaged(off, PIVOT, LoopSettings(), 2 * noise).asks_for_a_move
+    assert asks_for_a_move(off, PIVOT, LoopSettings(), None)
+    assert not asks_for_a_move(there, PIVOT, LoopSettings(), None)
+    assert not asks_for_a_move(off, PIVOT, asked, None)
+    assert asks_for_a_move(off, PIVOT, missed, None)
+    assert not asks_for_a_move(off, PIVOT, LoopSettings(), 2 * noise)

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from planar import PIVOT, RANGES
-from planar_cell import T_WORLD_REF, Cell, Oracle
+from planar import PIVOT, RANGES, planar_images
+from planar_cell import SIZE, T_WORLD_REF, Cell, Oracle
 from servoscope.errors import InvalidInputError
 from servoscope.poses import (
     displacement_ranges,
@@ -220,27 +220,26 @@ def test_a_robot_that_scatters_is_stopped_as_near_as_its_repeatability_allows() 
 
 
 class Noisy(Oracle):
-    """An oracle whose every answer has noise of its own."""
+    """An oracle that errs by the noise of the image, and knows by how much."""
 
-    SHARE = 2e-3
-
-    def __init__(self, cell, seed: int) -> None:
-        super().__init__(cell, std=self.SHARE)
-        self.rng = np.random.default_rng(seed)
+    SHARE, NOISE = 2e-3, 2.0
 
     def estimate(self, image, previous):
         clean = super().estimate(image, previous)
-        delta_p = self.SHARE * RANGES * self.rng.normal(size=6)
-        noise = poses_from_displacements(np.eye(4), delta_p, self.pivot)
-        return replace(clean, displacement=clean.displacement @ noise)
+        seen = planar_images(self.cell.delta_p[None], SIZE, seed=3)[0]
+        noise = (image.astype(float) - seen)[16:-16].ravel() / self.NOISE
+        parts = np.array([noise[k::6].mean() * np.sqrt(noise[k::6].size) for k in range(6)])
+        off = poses_from_displacements(np.eye(4), self.SHARE * RANGES * parts, self.pivot)
+        std = self.SHARE * RANGES * noise.std()
+        return replace(clean, displacement=clean.displacement @ off, std=std)
 
 
 def _ends(n_images: int, **tolerance) -> tuple[np.ndarray, list]:
-    cells = [Cell(START * share) for share in np.linspace(0.2, 1, 8)]
+    cells = [Cell(START * share, Noisy.NOISE) for share in np.linspace(0.2, 1, 8)]
     limits = LoopSettings(final_images=n_images, **tolerance)
-    runs = [
-        Positioner(Noisy(cell, seed), limits).run(cell, cell) for seed, cell in enumerate(cells)
-    ]
+    for seed, cell in enumerate(cells):
+        cell.rng = np.random.default_rng(seed)
+    runs = [Positioner(Noisy(cell), limits).run(cell, cell) for cell in cells]
     ends = np.array([pose_error(T_WORLD_REF, cell.pose)[0] for cell in cells])
     return ends, runs
 
@@ -268,18 +267,18 @@ def test_images_that_differ_at_the_end_are_not_averaged() -> None:
     assert result.status != "converged"
 
 
-def test_an_image_that_is_not_recognised_among_the_last_ends_the_run_unmoved() -> None:
+def test_a_mean_of_the_last_images_that_is_not_recognised_ends_the_run_unmoved() -> None:
     class CoveredOnce(Noisy):
         n_answers = 0
 
         def estimate(self, image, previous):
             self.n_answers += 1
             found = super().estimate(image, previous)
-            return replace(found, novelty=2.0) if self.n_answers == 4 else found
+            return replace(found, novelty=2.0) if self.n_answers == 2 else found
 
-    cell = Cell(0 * START)
+    cell = Cell(0 * START, Noisy.NOISE)
     limits = LoopSettings(tolerance_mm=5, tolerance_deg=1)
-    result = Positioner(CoveredOnce(cell, 0), limits).run(cell, cell)
+    result = Positioner(CoveredOnce(cell), limits).run(cell, cell)
     assert (result.status, result.moves) == ("abstained", 0)
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from servoscope.keyframe.camera import CameraModel
 from servoscope.keyframe.levels import View
 from servoscope.keyframe.motion import adjoint, conjugate, exponential, logarithm
+from servoscope.keyframe.robust import BEND, normal_equations, robust_scale, robust_weights
 from servoscope.keyframe.warping import CAMERA, MOTION, N_COLUMNS, RELIEF, UNSEEN, linearise
 from servoscope.poses import inverse_transform
 
@@ -140,9 +141,6 @@ def observable(covariance: Array) -> dict[str, bool]:
 
 Floats = NDArray[np.float32]
 
-BEND = 2.5
-"""Residuals of this many standard deviations count a quarter."""
-
 LEAST_SCALE = 0.7
 """Residuals are never taken to spread less than this, [grey]."""
 
@@ -201,18 +199,17 @@ class NormalEquations:
         n_seen = np.count_nonzero(seen)
         if n_seen < LEAST_SEEN * len(seen):
             return
-        scale = max(LEAST_SCALE, 1.4826 * float(np.median(np.abs(residuals[seen]))))
-        ratio2 = (residuals / np.float32(BEND * scale)) ** 2
-        weights = np.where(seen, 1 / (1 + ratio2) ** 2, np.float32(0))
+        scale = robust_scale(residuals, LEAST_SCALE)
+        weights = np.empty_like(residuals)
+        total = robust_weights(residuals, scale, weights)
         self.scales[i] = scale
-        self.costs[i] = BEND * scale * np.sqrt((ratio2 / (1 + ratio2))[seen].mean())
+        self.costs[i] = BEND * scale * np.sqrt(total / n_seen)
         self.weight_sum += weights
         self.n_seen += seen
         weights /= np.float32(scale * scale * redundancy)
         own = slice(N_GLOBAL + N_LOCAL * i, N_GLOBAL + N_LOCAL * (i + 1))
-        weighted = jacobian * weights[:, None]
-        H = (weighted.T @ jacobian).astype(float)
-        g = -(weighted.T @ residuals).astype(float)
+        H, g = np.empty((N_COLUMNS, N_COLUMNS)), np.empty(N_COLUMNS)
+        normal_equations(jacobian, residuals, weights, H, g)
         self.hessian[:N_GLOBAL, :N_GLOBAL] += chain.T @ H @ chain
         self.hessian[:N_GLOBAL, own] = chain.T @ H[:, :N_LOCAL]
         self.hessian[own, :N_GLOBAL] = self.hessian[:N_GLOBAL, own].T
@@ -220,7 +217,7 @@ class NormalEquations:
         self.gradient[:N_GLOBAL] += chain.T @ g
         self.gradient[own] = g[:N_LOCAL]
         if self.coupling is not None:
-            mixed = weighted * by_depth[:, None]
+            mixed = jacobian * (weights * by_depth)[:, None]
             self.coupling[:, :N_GLOBAL] += mixed @ chain.astype(np.float32)
             self.coupling[:, own] = mixed[:, :N_LOCAL]
             self.depth_hessian += weights * by_depth * by_depth

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.compiled import compiled
 from servoscope.dofs import mask_of
 from servoscope.keyframe.camera import CameraModel
-from servoscope.keyframe.levels import BEND, CUT, FAR, N_BLOCKS, PRIOR, Guess, Level, View, evened
+from servoscope.keyframe.levels import CUT, FAR, N_BLOCKS, PRIOR, Guess, Level, View, evened
 from servoscope.keyframe.lighting import Light
 from servoscope.keyframe.motion import Freedom, conjugate, exponential, logarithm
+from servoscope.keyframe.robust import BEND
 from servoscope.poses import inverse_transform
 
 Array = NDArray[np.float64]
@@ -157,7 +159,8 @@ class Aligner:
             T = inverse_transform(conjugate(self.mount, starts))
             guess = self._from(prepared, [self._search.nearest(t) for t in T])
         for level, grey, stage in zip(self.levels[1:], prepared[1:], _LEVELS[1:], strict=True):
-            guess = level.descend(grey, guess, stage.n_steps, stage.tolerance)
+            if level is self.levels[-1] or not guess.is_settled:
+                guess = level.descend(grey, guess, stage.n_steps, stage.tolerance)
         similarity, share_visible = self.levels[1].compare(prepared[1], guess.T)
         displacement, delta_p = self._search.displacement(guess.T), self._freedom.delta_p(guess.T)
         covariance = self._covariance(level, grey, guess, displacement)
@@ -234,10 +237,10 @@ class Aligner:
         )
         misplaced = float(np.linalg.norm(errors))
         meat = np.diag(1 / PRIOR**2)
-        for error in (r, *(misplaced / level.view.width * level.slopes.T)):
-            scores = (alone * (w * error)[:, None]).T
-            sums = np.stack([np.bincount(level.blocks, s, N_BLOCKS**2) for s in scores])
-            meat = meat + sums @ sums.T
+        sums = np.zeros((3, N_BLOCKS**2, 6))
+        share = np.float32(misplaced / level.view.width)
+        _add_scores(alone, w, r, share * level.slopes, level.blocks, sums)
+        meat = meat + np.einsum("ebi,ebj->ij", sums, sums)
         by_twist = self.by_twist(displacement)
         own = by_twist @ bread @ meat @ bread @ by_twist.T
         own[~self._is_read] = own[:, ~self._is_read] = 0
@@ -246,6 +249,35 @@ class Aligner:
     def by_twist(self, displacement: Array) -> Array:
         """Derivative of the displacement about the pivot by a twist before T, shape (6, 6)."""
         return self._freedom.by_twist(displacement)
+
+
+@compiled(fastmath=True, error_model="numpy")
+def _add_scores(
+    jacobian: NDArray[Any],
+    weights: NDArray[Any],
+    residuals: NDArray[Any],
+    misplaced: NDArray[Any],
+    blocks: NDArray[Any],
+    sums: NDArray[Any],
+) -> None:
+    """Add what each block of points contributes to the gradient, by residuals and two others.
+
+    Parameters
+    ----------
+    jacobian : array of shape (n, 6)
+    weights, residuals : arrays of shape (n,)
+    misplaced : array of shape (n, 2)
+        Residuals of a displacement to the right and down.
+    blocks : array of shape (n,)
+        Of integers.
+    sums : array of shape (3, n_blocks, 6)
+    """
+    for i in range(jacobian.shape[0]):
+        b = blocks[i]
+        errors = (residuals[i], misplaced[i, 0], misplaced[i, 1])
+        for e in range(3):
+            for j in range(6):
+                sums[e, b, j] += weights[i] * errors[e] * jacobian[i, j]
 
 
 def _starts(twists: Array) -> list[Array]:

@@ -121,14 +121,15 @@ class CameraModel:
         r2 = (rays**2).sum(axis=1)
         scale = 1 + self.k1 * r2 + self.k2 * r2**2
         slope = 2 * (self.k1 + 2 * self.k2 * r2)
-        by_ray = scale[:, None, None] * np.eye(2)
-        by_ray += slope[:, None, None] * rays[:, :, None] * rays[:, None, :]
         right = np.zeros((len(rays), 2, N_CAMERA))
         right[:, :, 0] = -seen
         right[:, 0, 1] = right[:, 1, 2] = -1 / self.f
         right[:, :, 3] = -rays * r2[:, None]
         right[:, :, 4] = -rays * (r2**2)[:, None]
-        return rays, np.linalg.solve(by_ray, right)
+        # the derivative by the ray is scale I + slope r r': its inverse by Sherman and Morrison
+        along = np.einsum("ni,nij->nj", rays, right) * (slope / (scale + slope * r2))[:, None]
+        by_camera = (right - rays[:, :, None] * along[:, None, :]) / scale[:, None, None]
+        return rays, by_camera
 
     def _undistort(self, seen: Array) -> Array:
         """Ideal points by Newton's method on the radius; where distortion folds, the nearest."""

@@ -16,6 +16,7 @@ from servoscope.compiled import compiled
 from servoscope.keyframe.camera import CameraModel
 from servoscope.keyframe.lighting import Light, LightGrid
 from servoscope.keyframe.motion import Freedom, exponential
+from servoscope.keyframe.robust import robust_scale, robust_weights
 from servoscope.keyframe.warping import MOTION, N_ALIGNED, UNSEEN, _look, linearise, sample
 
 Array = NDArray[np.float64]
@@ -183,9 +184,6 @@ class View:
         return np.asarray(resized, dtype=np.float32)
 
 
-BEND = 2.5
-"""Residuals of this many standard deviations count a quarter."""
-
 LEAST_SCALE = 0.5
 """Residuals are never taken to spread less than this, [grey]."""
 
@@ -203,17 +201,7 @@ FAR = 0.01
 """Inverse depth of views that inform rotations alone: translations stay what they are, [1 / m]."""
 
 _LEAST_DEVIATION = 1.0
-_MOST_RANKED = 4096
 _LONGEST_STEP = 0.15
-
-
-def robust_scale(residuals: Floats) -> float:
-    """Standard deviation of most residuals, [grey]; 255 where little is seen."""
-    some = residuals[:: max(1, len(residuals) // _MOST_RANKED)]
-    seen = some[some > UNSEEN]
-    if 4 * len(seen) < len(some):
-        return 255.0
-    return max(LEAST_SCALE, 1.4826 * float(np.median(np.abs(seen))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,10 +213,13 @@ class Guess:
     T : ndarray of shape (4, 4)
         Reference camera to the image's camera.
     light : Light
+    is_settled : bool
+        Whether the last step at the resolution where it was made moved nothing that is seen.
     """
 
     T: Array
     light: Light
+    is_settled: bool = False
 
 
 class Level:
@@ -307,15 +298,10 @@ class Level:
             self._depth, self.grey, gain, offset, self.slopes, self._finest,
             jacobian, by_depth, residuals,
         )  # fmt: skip
-        seen = residuals > UNSEEN
-        scale = robust_scale(residuals)
-        ratio = residuals * np.float32(1 / (BEND * scale))
-        ratio *= ratio
-        ratio += 1
-        ratio *= ratio
-        ratio *= np.float32(scale**2)
-        weights = self._trust / ratio
-        weights[~seen] = 0
+        scale = robust_scale(residuals, LEAST_SCALE)
+        weights = np.empty_like(self.grey)
+        robust_weights(residuals, scale, weights)
+        weights *= self._trust * np.float32(1 / scale**2)
         return jacobian, residuals, weights, scale
 
     def descend(self, image: Floats, guess: Guess, n_steps: int, tolerance: float = 0.01) -> Guess:
@@ -326,6 +312,7 @@ class Level:
         image : ndarray of shape (height, width), float32
             Prepared for the level.
         guess : Guess
+            In the light of the reference, or as a coarser resolution found it.
         n_steps : int
         tolerance : float
             A step that moves what is seen by less is the last, [px].
@@ -333,13 +320,13 @@ class Level:
         width = self.view.width
         reach = width * self.camera.f
         depth = float(np.median(self._depth))
-        guess = Guess(guess.T, guess.light.resized(self.grid.k))
-        for k in range(n_steps + 1):
+        if not guess.is_settled:  # light alone: it may be far from even
+            guess = Guess(guess.T, guess.light.resized(self.grid.k))
             H, g = self.normal_equations(image, guess)
-            if k == 0:  # light alone: it may be far from even
-                step = np.linalg.solve(H[6:, 6:], g[6:])
-                guess = Guess(guess.T, guess.light.moved(step))
-                continue
+            guess = Guess(guess.T, guess.light.moved(np.linalg.solve(H[6:, 6:], g[6:])))
+        guess = Guess(guess.T, guess.light.resized(self.grid.k))
+        for _ in range(n_steps):
+            H, g = self.normal_equations(image, guess)
             if depth < FAR:
                 H[:3], H[:, :3], g[:3] = np.eye(len(H))[:3], np.eye(len(H))[:, :3], 0.0
             if self._freedom is None:
@@ -353,8 +340,8 @@ class Level:
             step *= min(1.0, _LONGEST_STEP * width / max(flow, 1e-9))
             T = exponential(step[MOTION]) @ guess.T
             T = T if self._freedom is None else self._freedom.nearest(T)
-            guess = Guess(T, guess.light.moved(step[6:]))
-            if flow < tolerance:
+            guess = Guess(T, guess.light.moved(step[6:]), flow < tolerance)
+            if guess.is_settled:
                 break
         return guess
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.compiled import compiled
+from servoscope.keyframe.robust import BLOCK, add_products
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -204,30 +205,32 @@ def _accumulate(
     g : array of shape (7 + 2 * n_nodes,)
     """
     n_nodes = (H.shape[0] - 7) // 2
-    row = np.empty(15, np.float32)
     at = np.empty(15, np.int64)
-    block = np.empty((15, 15), np.float32)
-    slope = np.empty(15, np.float32)
     for j in range(7):
         at[j] = j
+    rows, weighted = np.empty((15, BLOCK), np.float32), np.empty((15, BLOCK), np.float32)
+    block, slope = np.empty((15, 15)), np.empty(15)
     for cell in range(starts.shape[0] - 1):
         block[:] = 0.0
         slope[:] = 0.0
-        for i in range(starts[cell], starts[cell + 1]):
-            w = weights[i]
-            if w == 0.0:
-                continue
-            for j in range(6):
-                row[j] = jacobian[i, j]
-            row[6] = -laplacian[i]
-            for j in range(4):
-                row[7 + j] = -grey[i] * shares[i, j]
-                row[11 + j] = -shares[i, j]
+        for start in range(starts[cell], starts[cell + 1], BLOCK):
+            n_points = min(BLOCK, starts[cell + 1] - start)
+            for p in range(n_points):
+                i = start + p
+                for j in range(6):
+                    rows[j, p] = jacobian[i, j]
+                rows[6, p] = -laplacian[i]
+                for j in range(4):
+                    rows[7 + j, p] = -grey[i] * shares[i, j]
+                    rows[11 + j, p] = -shares[i, j]
+                for j in range(15):
+                    weighted[j, p] = weights[i] * rows[j, p]
+            add_products(rows, weighted, n_points, block)
             for j in range(15):
-                wj = w * row[j]
-                slope[j] -= wj * residuals[i]
-                for k in range(j + 1):
-                    block[j, k] += wj * row[k]
+                total = np.float32(0.0)
+                for p in range(n_points):
+                    total += weighted[j, p] * residuals[start + p]
+                slope[j] -= total
         for j in range(4):
             at[7 + j] = 7 + nodes[cell, j]
             at[11 + j] = 7 + n_nodes + nodes[cell, j]

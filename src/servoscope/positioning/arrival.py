@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -108,22 +107,6 @@ def is_noise_only(estimates: Sequence[Estimate], pivot: float, settings: LoopSet
     )
 
 
-class Mean(NamedTuple):
-    """What several images from one pose say together.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Of the mean displacement.
-    asks_for_a_move : bool
-        Whether the mean is more than its own noise and the robot's scatter, and not under a
-        tolerance that was asked for.
-    """
-
-    estimate: Estimate
-    asks_for_a_move: bool
-
-
 def is_averaged(estimate: Estimate, pivot: float, settings: LoopSettings) -> bool:
     """Whether more images from the same pose can say more than one."""
     return (
@@ -135,36 +118,30 @@ def is_averaged(estimate: Estimate, pivot: float, settings: LoopSettings) -> boo
     )
 
 
-def averaged(
-    estimates: Sequence[Estimate], pivot: float, settings: LoopSettings, scatter: Array | None
-) -> Mean:
-    """The mean of estimates from one pose.
+def asks_for_a_move(
+    estimate: Estimate, pivot: float, settings: LoopSettings, scatter: Array | None
+) -> bool:
+    """Whether an estimate is more than its noise and the robot's scatter.
 
-    What they scatter by falls with their number; what else is believed of one stays as it is.
+    An estimate that is within a tolerance that was asked for asks for none.
 
     Parameters
     ----------
-    estimates : sequence of Estimate
-        Three at least.
+    estimate : Estimate
+        Of the mean of several images.
     pivot : float
         [m].
     settings : LoopSettings
     scatter : ndarray of shape (6,) or None
         Of the robot, as far as it was seen, about the pivot, [m] and [rad].
     """
-    displacements = np.stack([estimate.displacement for estimate in estimates])
-    delta_p = displacements_from_poses(np.eye(4), displacements, pivot)
-    mean, noise = delta_p.mean(axis=0), delta_p.var(axis=0, ddof=1)
-    believed = np.mean([estimate.std**2 for estimate in estimates], axis=0)
-    of_mean = noise / len(estimates)
-    displacement = poses_from_displacements(np.eye(4), mean[None], pivot)[0]
+    if settings.has_tolerance and is_within_tolerance(estimate.displacement, settings, pivot):
+        return False
+    delta_p = displacements_from_poses(np.eye(4), estimate.displacement[None], pivot)[0]
     robot = settings.repeatability(pivot) if scatter is None else scatter
-    known = of_mean + robot**2
-    size = np.sqrt(np.mean(mean[known > 0] ** 2 / known[known > 0])) if (known > 0).any() else 0.0
-    is_asked_for = settings.has_tolerance and is_within_tolerance(displacement, settings, pivot)
-    std = np.sqrt(np.maximum(believed - noise, 0.0) + of_mean)
-    estimate = replace(estimates[-1], displacement=displacement, std=std)
-    return Mean(estimate, bool(size > _SIGNIFICANT) and not is_asked_for)
+    variance = np.nan_to_num(estimate.std) ** 2 + robot**2
+    known = variance > 0
+    return bool(known.any() and np.mean(delta_p[known] ** 2 / variance[known]) > _SIGNIFICANT**2)
 
 
 def is_equal(comparison: Comparison) -> bool:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -82,8 +83,13 @@ class Window:
     def predict(self, pixels: Floats) -> Array:
         """A displacement in shares of the reach, (6,)."""
         at = (pixels - self.mean) @ self.components
-        squares = np.square(self.samples - at).sum(axis=1)
+        squares = self._squares + at @ at - 2 * (self.samples @ at)
         return (np.exp(-squares) @ self.weights).astype(float)
+
+    @cached_property
+    def _squares(self) -> Floats:
+        """Squared lengths of the samples, (n_samples,)."""
+        return np.asarray(np.einsum("ij,ij->i", self.samples, self.samples))
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,9 +171,9 @@ class FirstGuess:
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """What was learned, as arrays of numbers."""
         return {
-            f"{k}/{name}": array
+            f"{k}/{part.name}": getattr(window, part.name)
             for k, window in enumerate(self.windows)
-            for name, array in vars(window).items()
+            for part in fields(window)
         }
 
     @classmethod
@@ -186,10 +192,10 @@ class FirstGuess:
             If they are not arrays of first guesses for such images.
         """
         windows = []
-        for k, part in enumerate(_bounds(_small_shape(image_shape))):
-            names = ("mean", "components", "samples", "weights")
-            window = Window(*(np.asarray(arrays[f"{k}/{name}"], np.float32) for name in names))
-            height, width = (side.stop - side.start for side in part)
+        for k, bounds in enumerate(_bounds(_small_shape(image_shape))):
+            kept = (arrays[f"{k}/{part.name}"] for part in fields(Window))
+            window = Window(*(np.asarray(array, np.float32) for array in kept))
+            height, width = (side.stop - side.start for side in bounds)
             n_samples, n_components = window.samples.shape
             expected = {
                 "mean": (height * width,),

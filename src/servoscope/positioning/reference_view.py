@@ -105,6 +105,7 @@ class ReferenceView:
         self._thumbnail = reference_thumbnail(image)
         self._unclipped = _unclipped(image)
         self._seen = _prepared(image)
+        self._flows = _flows(self._seen)
         self._grid = _Grid(self._seen.shape)
 
     def error(self, image: NDArray[np.uint8]) -> float:
@@ -132,7 +133,7 @@ class ReferenceView:
         significance = np.inf
         where = weights * self._grid.spread(matched.astype(float))
         if share > _MOSTLY:
-            significance = cells.significance(self._seen, where)
+            significance = cells.significance(self._flows, where)
         structure = _structure(seen, self._seen, where)
         shift /= max(self._seen.shape)
         return Comparison(usable, share, shift, significance, difference, structure)
@@ -175,9 +176,9 @@ class _Grid:
         self._sizes = [np.diff([*starts, n]) for starts, n in zip(self._starts, shape, strict=True)]
 
     def sum(self, values: NDArray[Any]) -> Array:
-        """The sum over each cell."""
-        rows = np.add.reduceat(values, self._starts[0], axis=0, dtype=float)
-        return np.asarray(np.add.reduceat(rows, self._starts[1], axis=1))
+        """The sum over each cell, of one field or of several."""
+        rows = np.add.reduceat(values, self._starts[0], axis=-2, dtype=float)
+        return np.asarray(np.add.reduceat(rows, self._starts[1], axis=-1))
 
     def spread(self, values: Array) -> Array:
         """The value of its cell for every pixel."""
@@ -217,24 +218,32 @@ class _Matched(NamedTuple):
         xx, yy = xx + ridge, yy + ridge
         return np.hypot(yy * xe - xy * ye, xx * ye - xy * xe) / (xx * yy - xy * xy)
 
-    def significance(self, expected: Floats, weights: Array) -> float:
+    def significance(self, flows: Array, weights: Array) -> float:
         """How much one displacement of the whole view explains, relative to noise.
 
+        `flows` are what `_flows` gives of the reference. The mean of each cell does not count.
         Noise that was smoothed by a Gaussian counts as one value in ``4 pi sigma^2``.
         """
-        gx, gy = _slopes(expected)
-        height, width = expected.shape
-        x, y = np.linspace(-1, 1, width)[None, :], np.linspace(-1, 1, height)[:, None]
-        outward = gx * x + gy * y
-        flows = (gx, gx * x, gx * y, gy, gy * x, gy * y, outward * x, outward * y)
-        one = np.maximum(self.grid.sum(weights), 1.0)
-        centred = [f - self.grid.spread(self.grid.sum(weights * f) / one) for f in flows]
-        A = np.stack([(np.sqrt(weights) * f).ravel() for f in centred])
-        e = (np.sqrt(weights) * self.left).ravel()
-        scores = A @ e
-        explained = float(scores @ np.linalg.pinv(A @ A.T, rcond=1e-9, hermitian=True) @ scores)
-        noise = max(float(e @ e) - explained, 1e-12) / max(float(weights.sum()), 1.0)
-        return explained / (len(A) * 4 * np.pi * _SIGMA**2 * noise)
+        one = np.maximum(self.grid.sum(weights), 1.0).ravel()
+        weighted = weights * flows
+        sums = self.grid.sum(weighted).reshape(len(flows), -1)
+        left, n = np.asarray(self.left, dtype=float), len(flows)
+        A = weighted.reshape(n, -1) @ flows.reshape(n, -1).T - (sums / one) @ sums.T
+        rest = self.grid.sum(weights * left).ravel()
+        scores = weighted.reshape(n, -1) @ left.ravel() - (sums / one) @ rest
+        explained = float(scores @ np.linalg.pinv(A, rcond=1e-9, hermitian=True) @ scores)
+        total = float(np.vdot(weights * left, left))
+        noise = max(total - explained, 1e-12) / max(float(weights.sum()), 1.0)
+        return explained / (n * 4 * np.pi * _SIGMA**2 * noise)
+
+
+def _flows(expected: Floats) -> Array:
+    """Changes of an image by the eight parameters that a plane's image moves by."""
+    gx, gy = (np.asarray(slope, dtype=float) for slope in _slopes(expected))
+    height, width = expected.shape
+    x, y = np.linspace(-1, 1, width)[None, :], np.linspace(-1, 1, height)[:, None]
+    outward = gx * x + gy * y
+    return np.stack([gx, gx * x, gx * y, gy, gy * x, gy * y, outward * x, outward * y])
 
 
 def _slopes(image: Floats) -> tuple[Floats, Floats]:

@@ -178,10 +178,12 @@ class Run:
         """The decision that more images from the same pose lead to.
 
         A late camera first shows where the robot was before. Where the images differ two are
-        taken from then on. The mean of what all of them say is less noisy than the first.
+        taken from then on. Their mean is less noisy than the first.
         """
-        first, estimates = ReferenceView(image), [self.steps[-1].estimate]
-        is_averaged = arrival.is_averaged(estimates[0], self.estimator.pivot, self.settings)
+        first, images = ReferenceView(image), [image]
+        is_averaged = arrival.is_averaged(
+            self.steps[-1].estimate, self.estimator.pivot, self.settings
+        )
         for _ in range(1, max(2, self.settings.final_images if is_averaged else 2)):
             image = self.camera.read()
             if reason := guard.exposure_fault(image, self.estimator.reference_image):
@@ -189,14 +191,8 @@ class Run:
             compared = first.compare(image)
             if arrival.is_displaced(compared):
                 return self._unsteady(compared)
-            if not is_averaged:
-                continue
-            estimate = self._estimate(image)
-            if reason := guard.novelty_fault(estimate, self.settings):
-                return RunEnded("abstained", reason)
-            if estimate.is_finest:
-                estimates.append(estimate)
-        return self._averaged(estimates) if len(estimates) > 2 else decision
+            images.append(image)
+        return self._averaged(images) if is_averaged else decision
 
     def _unsteady(self, compared: Comparison) -> RunEnded | None:
         """The end of a run whose view moves while the robot stands, once that is certain."""
@@ -215,18 +211,21 @@ class Run:
         )
         return RunEnded("abstained", reason)
 
-    def _averaged(self, estimates: list[Estimate]) -> Array | RunEnded | None:
-        """The end of a run by the mean of several estimates, or the move that it asks for."""
+    def _averaged(self, images: list[Image]) -> Array | RunEnded | None:
+        """The end of a run by the mean of several images, or the move that it asks for."""
         settings, pivot = self.settings, self.estimator.pivot
-        mean = arrival.averaged(
-            estimates, pivot, settings, arrival.scatter(self.steps, settings, pivot)
-        )
+        mean = np.rint(np.mean(images, axis=0, dtype=np.float32)).astype(np.uint8)
+        estimate = self._estimate(mean)
+        if reason := guard.novelty_fault(estimate, settings):
+            return RunEnded("abstained", reason)
         first = self.steps[-1].estimate.displacement
-        self.steps[-1] = replace(self.steps[-1], estimate=mean.estimate, first_displacement=first)
+        self.steps[-1] = replace(self.steps[-1], estimate=estimate, first_displacement=first)
         may_move = self._n_corrections < _MOST_CORRECTIONS
-        if may_move and self.robot.moves < settings.max_moves and mean.asks_for_a_move:
+        scatter = arrival.scatter(self.steps, settings, pivot)
+        is_off = arrival.asks_for_a_move(estimate, pivot, settings, scatter)
+        if may_move and self.robot.moves < settings.max_moves and is_off:
             self._n_corrections += 1
-            return self._next_move(mean.estimate)
+            return self._next_move(estimate)
         return self._arrival(is_settled=True) or self._next()
 
     def _report(self, image: Image) -> None:

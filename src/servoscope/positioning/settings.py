@@ -63,8 +63,8 @@ class LoopSettings:
         if noise cannot explain the difference; None where displacements of the estimator are only
         directions, and cannot be checked.
     final_images : int
-        So many images are taken where the camera seems to have arrived, and what they say is
-        averaged: the noise of one is left in the end otherwise.
+        So many images are taken where the camera seems to have arrived, and averaged: the noise of
+        one is left in the end otherwise.
     largest_shift : float
         The most that the view may be displaced from the reference for the camera to have arrived,
         as the median over its matched cells, as a share of the longer side of the image.

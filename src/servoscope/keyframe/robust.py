@@ -1,0 +1,127 @@
+"""Robust weights and weighted normal equations of many residuals, compiled.
+
+A residual of scale s counts by the Geman-McClure function ``u / (1 + u)``, ``u = (r / (BEND s))^2``
+(Black and Rangarajan, IJCV 19(1), 1996), whose weight is ``1 / (1 + u)^2``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.compiled import compiled
+from servoscope.keyframe.warping import UNSEEN
+
+Floats = NDArray[np.float32]
+
+BEND = 2.5
+"""Residuals of this many standard deviations count a quarter."""
+
+BLOCK = 128
+"""Points that are summed at a time, so that what they need stays in the cache."""
+
+_MOST_RANKED = 4096
+
+
+def robust_scale(residuals: Floats, least: float) -> float:
+    """Standard deviation of most residuals, [grey]; 255 where little is seen.
+
+    Parameters
+    ----------
+    residuals : ndarray of shape (n,), float32
+    least : float
+        What it is never below, [grey].
+    """
+    some = residuals[:: max(1, len(residuals) // _MOST_RANKED)]
+    seen = some[some > UNSEEN]
+    if 4 * len(seen) < len(some):
+        return 255.0
+    return max(least, 1.4826 * float(np.median(np.abs(seen))))
+
+
+@compiled(fastmath=True, error_model="numpy")
+def robust_weights(residuals: NDArray[Any], scale: float, weights: NDArray[Any]) -> float:
+    """Write the weight of each residual, 0 where nothing is seen.
+
+    Parameters
+    ----------
+    residuals : array of shape (n,), float32
+    scale : float
+        [grey].
+    weights : array of shape (n,), float32
+        Written.
+
+    Returns
+    -------
+    float
+        Sum of ``u / (1 + u)`` over those that are seen.
+    """
+    inverse = np.float32(1.0 / (BEND * scale))
+    zero, one = np.float32(0.0), np.float32(1.0)
+    left = zero
+    for i in range(residuals.shape[0]):
+        r = residuals[i] * inverse
+        share = one / (one + r * r)
+        seen = residuals[i] > UNSEEN
+        weights[i] = share * share if seen else zero
+        left += one - share if seen else zero
+    return float(left)
+
+
+@compiled(fastmath=True, error_model="numpy", inline="always")
+def add_products(
+    rows: NDArray[Any],
+    weighted: NDArray[Any],
+    n_points: int,
+    H: NDArray[Any],
+) -> None:
+    """Add to the lower half of H, (m, m), the products of two arrays of columns, (m, BLOCK)."""
+    for j in range(H.shape[0]):
+        for k in range(j + 1):
+            total = np.float32(0.0)
+            for p in range(n_points):
+                total += weighted[j, p] * rows[k, p]
+            H[j, k] += total
+
+
+@compiled(fastmath=True, error_model="numpy")
+def normal_equations(
+    jacobian: NDArray[Any],
+    residuals: NDArray[Any],
+    weights: NDArray[Any],
+    H: NDArray[Any],
+    g: NDArray[Any],
+) -> None:
+    """Write ``J' W J`` and ``-J' W r``.
+
+    Parameters
+    ----------
+    jacobian : array of shape (n, m), float32
+    residuals, weights : arrays of shape (n,), float32
+    H : array of shape (m, m)
+        Written.
+    g : array of shape (m,)
+        Written.
+    """
+    n, m = jacobian.shape
+    rows, weighted = np.empty((m, BLOCK), np.float32), np.empty((m, BLOCK), np.float32)
+    H[:] = 0.0
+    g[:] = 0.0
+    for start in range(0, n, BLOCK):
+        n_points = min(BLOCK, n - start)
+        for p in range(n_points):
+            w = weights[start + p]
+            for j in range(m):
+                rows[j, p] = jacobian[start + p, j]
+                weighted[j, p] = w * jacobian[start + p, j]
+        add_products(rows, weighted, n_points, H)
+        for j in range(m):
+            total = np.float32(0.0)
+            for p in range(n_points):
+                total += weighted[j, p] * residuals[start + p]
+            g[j] -= total
+    for j in range(m):
+        for k in range(j):
+            H[k, j] = H[j, k]
