@@ -1,5 +1,6 @@
 """Images in rings: each ring fills its share of the range, and none hangs on another."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -110,6 +111,20 @@ def test_the_reference_image_of_rings_is_a_mean_of_16(tmp_path: Path) -> None:
     assert error(n_images=1, n_reference_images=16) == mean
     # Beside a quarter of the noise the mean has the error of rounding, 1 / 12.
     assert mean == pytest.approx(np.sqrt((single**2) / 16 + 1 / 12), rel=0.15)
+
+
+def test_the_noise_of_an_image_is_measured_where_several_show_the_reference(tmp_path) -> None:
+    scene = Scene(image_size=64)
+    clean = make_robot("free", scene).read().astype(float)
+    images = [make_robot("free", scene, rng=np.random.default_rng(k)).read() for k in range(40)]
+    unclipped = (clean > 12) & (clean < 243)
+    sigma = float(np.sqrt(np.mean((np.array(images, dtype=float) - clean)[:, unclipped] ** 2)))
+    config = AcquisitionConfig(image_size=64, n_images=1, n_reference_images=16)
+    data = acquire(tmp_path / "several", config, n_jobs=1)
+    assert data.image_noise == pytest.approx(sigma, rel=0.05)
+    one = acquire(tmp_path / "one", replace(config, n_reference_images=1), n_jobs=1)
+    assert one.image_noise is None
+    assert acquire(tmp_path / "several", config, n_jobs=1).image_noise == data.image_noise
 
 
 def test_of_a_schedule_and_a_number_one_is_too_many() -> None:

@@ -24,6 +24,7 @@ from servoscope.data.folder import (
     write_progress,
 )
 from servoscope.data.images import PoseImageSet
+from servoscope.data.pixel_noise import mean_image
 from servoscope.data.schedule import Ring, Schedule, check_schedule, format_schedule
 from servoscope.dofs import check_dofs, mask_of
 from servoscope.errors import DataSetError, FolderExistsError, InvalidInputError, RobotFaultError
@@ -243,6 +244,9 @@ class AcquisitionConfig:
 
 Images = NDArray[np.uint8]
 
+_FOUND = {"n_replaced", "image_noise"}
+"""What the source of a data set says beside what was asked for."""
+
 MOST_DRAWS = 100
 """How many poses are tried for one image before the ranges are said to be too large."""
 
@@ -323,7 +327,7 @@ def _take_all(
         progress = _write(folder, progress, *taken)
         if on_progress is not None:
             on_progress(progress.n_done)
-    ((reference_image, T_world_ref),) = in_processes(take_reference, [(config,)], n_jobs)
+    ((reference_image, T_world_ref, noise),) = in_processes(take_reference, [(config,)], n_jobs)
     dataset_folder.finish(
         folder,
         reference_image=reference_image,
@@ -333,7 +337,7 @@ def _take_all(
         times=None,
         meta={
             **config.meta(T_world_ref),
-            "source": {**progress.plan, "n_replaced": progress.n_replaced},
+            "source": {**progress.plan, "n_replaced": progress.n_replaced, **noise},
         },
     )
 
@@ -343,7 +347,7 @@ def _begin(folder: Path, config: AcquisitionConfig, force: bool) -> Progress | N
     plan = config.plan()
     if dataset_folder.is_finished(folder):
         source = dataset_folder.read_meta(folder)["source"]
-        if source == {**plan, "n_replaced": source.get("n_replaced")}:
+        if {name: source[name] for name in source.keys() - _FOUND} == plan:
             forget_progress(folder)  # it may have stopped just before
             return None
     progress = read_progress(folder)
@@ -423,8 +427,12 @@ def take_image(
     )
 
 
-def take_reference(config: AcquisitionConfig) -> tuple[Images, Array]:
-    """The mean of some images at the reference, and the pose that the robot reports there."""
+def take_reference(config: AcquisitionConfig) -> tuple[Images, Array, dict[str, float]]:
+    """The mean of some images at the reference, where they were taken, and what noise they have.
+
+    The last is what the source of a data set says of it: nothing where one image was taken.
+    """
     robot = make_robot(config.robot, config.scene(), config.repeatability(), config.camera_rng())
     images = [robot.read() for _ in range(config.plan()["n_reference_images"])]
-    return np.rint(np.mean(images, axis=0)).astype(np.uint8), robot.pose
+    mean, noise = mean_image(images)
+    return mean, robot.pose, {} if noise is None else {"image_noise": round(noise, 4)}

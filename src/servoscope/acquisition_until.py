@@ -250,7 +250,7 @@ def _take_all(
     on_progress: Callable[[int], object] | None,
     on_standing: Callable[[Standing], object] | None,
 ) -> None:
-    ((reference_image, T_world_ref),) = in_processes(take_reference, [(config,)], 1)
+    ((reference_image, T_world_ref, noise),) = in_processes(take_reference, [(config,)], 1)
 
     def take(start: int, displacements: Array) -> tuple[Images, Array]:
         calls = [(config, T_world_ref, start + k, d) for k, d in enumerate(displacements)]
@@ -290,6 +290,7 @@ def _take_all(
                 "n_images": len(images),
                 "rings": f"{len(images)}@1.0",
                 "n_replaced": n_replaced,
+                **noise,
                 "forecast": standing.facts(),
             },
         },

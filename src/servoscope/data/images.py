@@ -31,6 +31,7 @@ SPLITS = ("random", "blocks")
 
 _OUTLYING, _MOST_OUTLIERS = 2.0, 0.05
 _SAME_POSE = 1e-6  # metres and radians, as pose files are written
+_MOST_NOISE = 64.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -134,6 +135,14 @@ class PoseImageSet:
     def moves(self, displacement: str = "pivot") -> NDArray[np.bool_]:
         """Whether each dof moves at all in the set, shape (6,); rounding does not count."""
         return np.ptp(self.delta_p(displacement), axis=0) > 1e-9
+
+    @property
+    def image_noise(self) -> float | None:
+        """Standard deviation of the noise of one image, [grey], where it was measured."""
+        noise = self.source.get("image_noise")
+        if isinstance(noise, bool) or not isinstance(noise, int | float):
+            return None
+        return float(noise) if 0 < noise < _MOST_NOISE else None
 
     def ranges(self, displacement: str = "pivot") -> NDArray[np.float64]:
         """Half-width of each dof's displacements, by which targets are scaled to [-1, 1].

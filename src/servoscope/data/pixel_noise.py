@@ -1,10 +1,10 @@
-"""How noisy the pixels of an image are, from the image alone."""
+"""How noisy the pixels of images are: from an image alone, or from several of one view."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 _MASK = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
 """Blind to planes and to edges along x and y; keeps the deviation of white noise."""
@@ -44,6 +44,37 @@ def estimate_pixel_noise(image: NDArray[np.uint8]) -> float:
     if not usable.any():
         return 0.0
     return float(np.sqrt(np.quantile(variances[usable], _FLATTEST))) / _SELECTED
+
+
+def mean_image(images: ArrayLike) -> tuple[NDArray[np.uint8], float | None]:
+    """The mean of images of one view, and the noise of one of them.
+
+    Parameters
+    ----------
+    images : array of shape (n, height, width), uint8
+
+    Returns
+    -------
+    mean : ndarray of shape (height, width), uint8
+    noise : float or None
+        Standard deviation over the images, in a light that may vary, root mean square over the
+        pixels that are never clipped, [grey]; None of one image, or if all pixels are clipped.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).normal(0, 3, (8, 64, 64))
+    >>> mean, sigma = mean_image((100 + noise).round().astype(np.uint8))
+    >>> round(float(mean.mean())), round(sigma, 1)
+    (100, 3.0)
+    """
+    stack = np.asarray(images, dtype=np.float32)
+    mean = np.rint(stack.mean(axis=0)).astype(np.uint8)
+    unclipped = ((stack > 0) & (stack < 255)).all(axis=0)
+    if len(stack) < 2 or not unclipped.any():
+        return mean, None
+    grey = stack[:, unclipped]
+    grey -= grey.mean(axis=1, keepdims=True)
+    return mean, float(np.sqrt(grey.var(axis=0, ddof=1, dtype=float).mean()))
 
 
 def _blocks(pixels: NDArray) -> NDArray:

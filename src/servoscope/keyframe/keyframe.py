@@ -126,6 +126,7 @@ class Keyframe:
         mount: ArrayLike | None = None,
         distance: float = 0.55,
         pose_noise: tuple[float, float] = (3e-4, 5e-4),
+        noise: float | None = None,
         dofs: Iterable[str] = DOFS,
     ) -> Keyframe:
         """A keyframe from images at known displacements.
@@ -149,6 +150,9 @@ class Keyframe:
         pose_noise : tuple of 2 floats
             Standard deviations of the reported poses, [m] and [rad]: the repeatability of a
             robot, the noise of a tracker.
+        noise : float, optional
+            Standard deviation of a pixel's noise, [grey]; found in the smoothest parts of the
+            images by default, which takes fine texture for noise where it is everywhere.
         dofs : iterable of str
             The degrees of freedom that the images are displaced in, beyond the noise of the poses.
 
@@ -188,7 +192,7 @@ class Keyframe:
             np.zeros(6),
             float(pivot),
             solution.cost,
-            pixel_noise(images[chosen]),
+            pixel_noise(images[chosen]) if noise is None else checked_noise(noise),
             check_dofs(dofs),
         )
         if keyframe._reads_only_rotations():

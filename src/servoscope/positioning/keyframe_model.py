@@ -196,7 +196,7 @@ class KeyframeModel(PositioningModel):
         factor[is_read] = deviation_factor(
             errors[right][:, is_read], readings.std[right][:, is_read]
         )
-        noise = keyframe.noise * least_noise_share(readings)
+        noise = data.image_noise or keyframe.noise * least_noise_share(readings)
         keyframe = replace(keyframe, model_error=factor * keyframe.model_error, noise=noise)
         chance = chance_similarity(keyframe, fitted.images, _FARTHEST * reach)
         within = (errors <= 2 * factor * readings.std)[:, is_commanded]
@@ -305,7 +305,7 @@ class KeyframeModel(PositioningModel):
 def keyframe_options(data: PoseImageSet, calibration: Calibration | None = None) -> dict[str, Any]:
     """The options of `Keyframe.fit` for a data set."""
     options = (calibration or Calibration()).options(is_sequence=data.split == "blocks")
-    options["pivot"] = data.pivot
+    options["pivot"], options["noise"] = data.pivot, data.image_noise
     options["dofs"] = check_dofs({*data.dofs, *moving_dofs(data.delta_p(), data.pivot)})
     return options
 
