@@ -78,12 +78,17 @@ def test_dofs_that_are_no_better_known_than_the_range_are_not_read() -> None:
 
 
 def test_a_mean_beyond_its_noise_asks_for_a_move_unless_a_tolerance_is_met() -> None:
-    noise = 0.01 * RANGES
-    off, there = _estimate(1.6 * noise, noise), _estimate(1.4 * noise, noise)
-    asked = LoopSettings(tolerance_mm=50, tolerance_deg=10)
-    missed = LoopSettings(tolerance_mm=1e-3)
-    assert asks_for_a_move(off, PIVOT, LoopSettings(), None)
-    assert not asks_for_a_move(there, PIVOT, LoopSettings(), None)
-    assert not asks_for_a_move(off, PIVOT, asked, None)
-    assert asks_for_a_move(off, PIVOT, missed, None)
-    assert not asks_for_a_move(off, PIVOT, LoopSettings(), 2 * noise)
+    noise, believed, n = 0.01 * RANGES, 0.1 * RANGES, 8
+    one = noise * np.sqrt(n - 1)  # by as much one image differs from the mean
+
+    def asks(share: float, limits: LoopSettings, scatter=None) -> bool:
+        mean, first = (_estimate(share * noise + off, believed) for off in (0, one))
+        return asks_for_a_move(first, mean, n, PIVOT, limits, scatter)
+
+    assert asks(1.6, LoopSettings())
+    assert not asks(1.4, LoopSettings())
+    assert not asks(1.6, LoopSettings(tolerance_mm=50, tolerance_deg=10))
+    assert asks(1.6, LoopSettings(tolerance_mm=1e-3))
+    assert not asks(1.6, LoopSettings(), 2 * noise)
+    still = _estimate(noise, believed)
+    assert not asks_for_a_move(still, still, n, PIVOT, LoopSettings(), None)

@@ -119,29 +119,44 @@ def is_averaged(estimate: Estimate, pivot: float, settings: LoopSettings) -> boo
 
 
 def asks_for_a_move(
-    estimate: Estimate, pivot: float, settings: LoopSettings, scatter: Array | None
+    first: Estimate,
+    mean: Estimate,
+    n_images: int,
+    pivot: float,
+    settings: LoopSettings,
+    scatter: Array | None,
 ) -> bool:
-    """Whether an estimate is more than its noise and the robot's scatter.
+    """Whether the mean of several images shows more than its noise and the robot's scatter.
 
-    An estimate that is within a tolerance that was asked for asks for none.
+    By how much the first image differs from the mean says how noisy one is: what is believed of
+    an estimate holds errors that all images share, too. A mean that is within a tolerance that was
+    asked for asks for no move.
 
     Parameters
     ----------
-    estimate : Estimate
-        Of the mean of several images.
+    first, mean : Estimate
+        Of the first image, and of the mean of all.
+    n_images : int
+        Two or more.
     pivot : float
         [m].
     settings : LoopSettings
     scatter : ndarray of shape (6,) or None
         Of the robot, as far as it was seen, about the pivot, [m] and [rad].
     """
-    if settings.has_tolerance and is_within_tolerance(estimate.displacement, settings, pivot):
+    if settings.has_tolerance and is_within_tolerance(mean.displacement, settings, pivot):
         return False
-    delta_p = displacements_from_poses(np.eye(4), estimate.displacement[None], pivot)[0]
+    both = np.stack([first.displacement, mean.displacement])
+    delta_p = displacements_from_poses(np.eye(4), both, pivot)
+    known = np.isfinite(mean.std) & (mean.std > 0)
+    if not known.any():
+        return False
+    ratio = np.mean(((delta_p[0] - delta_p[1])[known] / mean.std[known]) ** 2) / (n_images - 1)
     robot = settings.repeatability(pivot) if scatter is None else scatter
-    variance = np.nan_to_num(estimate.std) ** 2 + robot**2
-    known = variance > 0
-    return bool(known.any() and np.mean(delta_p[known] ** 2 / variance[known]) > _SIGNIFICANT**2)
+    variance = ratio * mean.std[known] ** 2 + robot[known] ** 2
+    if not (variance > 0).all():
+        return False
+    return bool(np.mean(delta_p[1, known] ** 2 / variance) > _SIGNIFICANT**2)
 
 
 def is_equal(comparison: Comparison) -> bool:

@@ -218,11 +218,13 @@ class Run:
         estimate = self._estimate(mean)
         if reason := guard.novelty_fault(estimate, settings):
             return RunEnded("abstained", reason)
-        first = self.steps[-1].estimate.displacement
-        self.steps[-1] = replace(self.steps[-1], estimate=estimate, first_displacement=first)
+        first = self.steps[-1].estimate
+        self.steps[-1] = replace(
+            self.steps[-1], estimate=estimate, first_displacement=first.displacement
+        )
         may_move = self._n_corrections < _MOST_CORRECTIONS
         scatter = arrival.scatter(self.steps, settings, pivot)
-        is_off = arrival.asks_for_a_move(estimate, pivot, settings, scatter)
+        is_off = arrival.asks_for_a_move(first, estimate, len(images), pivot, settings, scatter)
         if may_move and self.robot.moves < settings.max_moves and is_off:
             self._n_corrections += 1
             return self._next_move(estimate)
