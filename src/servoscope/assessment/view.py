@@ -28,6 +28,7 @@ from servoscope.positioning.settings import LoopSettings
 from servoscope.processes import in_processes, one_blas_thread
 from servoscope.progress import ProgressBar, no_progress
 from servoscope.rehearsal.run import Rehearsal
+from servoscope.rehearsal.true_view import reference_noise
 from servoscope.selection.rms_interval import rms_interval
 
 Array = NDArray[np.float64]
@@ -236,7 +237,7 @@ def _explained(view: FittedView, data: PoseImageSet, seed: int) -> _Explained | 
         return None
     rehearsal = Rehearsal(model, STARTS, seed)
     rehearsal.errors  # noqa: B018  found once, and kept
-    return _Explained(view, rehearsal, _end(model, data.source, seed))
+    return _Explained(view, rehearsal, _end(model, seed))
 
 
 def _rehearsed(rehearsal: Rehearsal, n_jobs: int | None, progress: ProgressBar) -> dict[str, Any]:
@@ -250,7 +251,7 @@ def _rehearsed(rehearsal: Rehearsal, n_jobs: int | None, progress: ProgressBar) 
     }
 
 
-def _end(model: KeyframeModel, source: dict[str, Any], seed: int) -> dict[str, Any]:
+def _end(model: KeyframeModel, seed: int) -> dict[str, Any]:
     """Where the loop ends by the noise of the images and of the reference image.
 
     Of the images that are averaged at the end the noise falls with the root of their number; that
@@ -262,9 +263,7 @@ def _end(model: KeyframeModel, source: dict[str, Any], seed: int) -> dict[str, A
     noisy = [clean + rng.normal(0, keyframe.noise, clean.shape) for _ in range(_LOOKS)]
     images = [np.rint(image.clip(0, 255)).astype(np.uint8) for image in noisy]
     read = np.array([keyframe.align(image, np.eye(4)).delta_p for image in images])
-    n_reference = source.get("n_reference_images")
-    n_reference = n_reference if isinstance(n_reference, int) and n_reference > 0 else 1
-    shares = 1 / LoopSettings().final_images + 1 / n_reference
+    shares = 1 / LoopSettings().final_images + (reference_noise(model) / keyframe.noise) ** 2
     std = np.where(mask_of(model.dofs), np.sqrt(shares * np.mean(read**2, axis=0)), 0.0)
     reached = Reached.of_deviation(std, keyframe.pivot)
     end_rms = dict(zip(DOFS, (std * DISPLAY_FACTORS).tolist(), strict=True))

@@ -176,10 +176,13 @@ class OwnErrors:
         shifted.
     relief : float
         Standard deviation of its inverse depths where the images agree least, relative.
+    grey : float
+        Standard deviation of the noise of its reference image, [grey].
     """
 
     reading: Array
     relief: float
+    grey: float = 0.0
 
     @classmethod
     def of(cls, model: KeyframeModel) -> OwnErrors:
@@ -199,7 +202,16 @@ class OwnErrors:
             median = _by_dof(model.accuracy["median"], model.dofs) / DISPLAY_FACTORS
             shift = float(np.median(shifts(keyframe, keyframe.displacements)))
             reading = np.maximum(reading, median / _NORMAL_MEDIAN / max(shift, 1e-3))
-        return cls(reading, relief_error(keyframe))
+        return cls(reading, relief_error(keyframe), reference_noise(model))
+
+
+def reference_noise(model: KeyframeModel) -> float:
+    """Standard deviation of the noise of the reference image, [grey].
+
+    It is the mean of as many images as the source of the data says, or else one image.
+    """
+    n = model.trained_on.get("n_reference_images")
+    return model.keyframe.noise / float(np.sqrt(n if isinstance(n, int) and n > 0 else 1))
 
 
 def _by_dof(values: Any, dofs: tuple[str, ...]) -> Array:
@@ -264,7 +276,8 @@ class TrueView:
 
     A keyframe explains the images that are rendered of it perfectly, which no real image is. So
     its relief is changed, and what is seen at a displacement is rendered at another one, off by
-    errors like those of reading images that were held out; both vanish at the reference.
+    errors like those of reading images that were held out; both vanish at the reference. Its
+    reference image has the noise of a real one.
 
     Parameters
     ----------
@@ -286,7 +299,11 @@ class TrueView:
         """A view with errors of those sizes, drawn at random."""
         field = errors.relief * _relief_field(keyframe, rng)
         relief = np.asarray(keyframe.inverse_depth * (1 + field), dtype=np.float32)
-        return cls(replace(keyframe, inverse_depth=relief), errors.reading * rng.standard_normal(6))
+        misreading, shape = errors.reading * rng.standard_normal(6), keyframe.reference_image.shape
+        grey = keyframe.reference_image + errors.grey * rng.standard_normal(shape)
+        reference = np.rint(grey.clip(0, 255)).astype(np.uint8)
+        keyframe = replace(keyframe, inverse_depth=relief, reference_image=reference)
+        return cls(keyframe, misreading)
 
     def relit(self, change: NDArray[np.float32]) -> TrueView:
         """The view with each pixel of the reference so many times as bright."""
