@@ -14,8 +14,8 @@ import pytest
 from planar import planar_data_set
 from servoscope.cli import main
 from servoscope.data.images import PoseImageSet
-from servoscope.errors import PluginError
-from servoscope.features.catalogue import FAMILIES
+from servoscope.errors import PluginError, ServoscopeWarning
+from servoscope.features.catalogue import FAMILIES, parse_families
 from servoscope.pipeline import PosePipeline
 from servoscope.regression import REGRESSORS
 
@@ -97,6 +97,7 @@ def test_plug_ins_are_found_by_name_and_loaded_when_asked_for(acme, monkeypatch)
     assert list(FAMILIES)[-1] == "brightness"
     assert not FAMILIES["brightness"].is_learned
     assert "linear" in REGRESSORS
+    assert parse_families("all")[-1] == "brightness"
 
 
 @pytest.mark.parametrize(
@@ -118,6 +119,8 @@ def test_a_broken_plug_in_is_one_line_that_names_its_package(
     assert said in str(raised.value)
     assert "\n" not in str(raised.value)
     assert FAMILIES["moments"].title == "geometric moments"
+    with pytest.warns(ServoscopeWarning, match="^Left out: The plug-in 'broken'"):
+        assert "broken" not in parse_families("all")
 
 
 def test_a_name_that_is_built_in_is_refused(tmp_path, monkeypatch):

@@ -8,9 +8,12 @@ import pytest
 
 from planar import PIVOT, RANGES, planar_data_set, planar_images
 from servoscope.assessment import as_json, assess
+from servoscope.assessment.decision import Decision
+from servoscope.assessment.rendered import other_samples, sample_images
 from servoscope.data.images import PoseImageSet
 from servoscope.data.splits import split_images
 from servoscope.errors import InvalidInputError
+from servoscope.pipeline import PosePipeline, Recipe, choose, fit_all
 from servoscope.poses import DOFS, poses_from_displacements
 
 
@@ -201,7 +204,9 @@ def test_a_sequence_is_tested_on_whole_blocks_and_says_what_a_random_split_promi
     )
     found = decide(data)
     assert found["images"]["independence"] == "sequence"
+    assert (found["images"]["n_splits"], found["images"]["n_tested"]) == (4, 157)
     for row in found["dofs"].values():
+        assert 0.4 < row["split_rms"] / row["reached_rms"] < 2.5
         for end in ("interval", "reached_interval"):
             low, high = row[end]
             assert high > 1.7 * low  # as even errors scatter of which five blocks tell
@@ -224,3 +229,68 @@ def test_too_few_images_are_refused_in_one_line():
 def test_unknown_families_are_refused():
     with pytest.raises(InvalidInputError, match=r"taken from moments, .* got 'gabor'"):
         assess(planar_data_set(60, 16), families=["gabor"])
+
+
+@pytest.fixture(scope="module")
+def decided(plane):
+    """What is learned from and tested in every split, of a plane with 80 images."""
+    sample = sample_images(plane, n_jobs=1)
+    seen = []
+
+    def fit(table, targets, split, jobs, **options):
+        seen.append((split, [recipe.name for recipe, _ in jobs]))
+        return fit_all(table, targets, split, jobs, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("servoscope.assessment.decision.fit_all", fit)
+        decision = Decision(sample, ("moments", "pose_covariance"), "kernel_ridge", n_jobs=1)
+        return decision, decision.measure(), seen
+
+
+def test_every_image_is_tested_once_by_models_that_have_not_seen_it(decided):
+    decision, measured, seen = decided
+    assert measured.n_splits == len(seen) == 4
+    assert np.sort(measured.images).tolist() == list(range(80))
+    for split, _ in seen:
+        assert not set(split.test) & set(split.learned)
+        assert len(split.test) + len(split.learned) == 80
+    np.testing.assert_array_equal(seen[0][0].test, decision.sample.split.test)
+
+
+def test_the_pooled_error_is_that_of_pipelines_fitted_to_each_split(decided, plane):
+    _, measured, seen = decided
+    errors = np.zeros((80, 6))
+    for split, names in seen:
+        recipes = [Recipe(name, regressor="kernel_ridge") for name in names]
+        pipeline = PosePipeline(dict(zip(DOFS, recipes, strict=True)))
+        pipeline.fit(plane.images, plane.delta_p() / plane.ranges(), split)
+        predicted = pipeline.predict(plane.images[split.test])
+        errors[split.test] = predicted - (plane.delta_p() / plane.ranges())[split.test]
+    for dof, found in measured.errors.items():
+        np.testing.assert_allclose(found, errors[measured.images, DOFS.index(dof)], atol=1e-6)
+        assert measured.rms(dof) == pytest.approx(np.sqrt(np.mean(found**2)))
+
+
+def test_features_are_chosen_by_the_images_that_are_not_tested(decided):
+    """A family that fails on the tested images alone is chosen there all the same."""
+    candidates = decided[0].candidates
+    good, n = next(iter(candidates)), len(decided[0].sample.split.learned)
+    tested, residuals = np.arange(10), np.full((n, 1), 0.5)
+    spoilt = residuals.copy()
+    spoilt[tested], spoilt[10:] = 9.0, 0.1
+
+    def of(values):
+        forecast = replace(candidates[good].forecasts["tx"], residuals=values)
+        return replace(candidates[good], forecasts={"tx": forecast})
+
+    both = {"good": of(residuals), "spoilt": of(spoilt)}
+    assert choose(both) == {"tx": "good"}
+    assert choose(both, np.arange(10, n)) == {"tx": "spoilt"}
+
+
+def test_many_independent_images_are_tested_in_one_split():
+    images = np.zeros((400, 4, 4), np.uint8)
+    delta_p = np.random.default_rng(0).uniform(-1, 1, (400, 6)) * RANGES
+    poses = poses_from_displacements(np.eye(4), delta_p, PIVOT)
+    sample = sample_images(PoseImageSet(images, poses, np.eye(4), images[0]), n_jobs=1)
+    assert list(other_samples(sample)) == []

@@ -147,6 +147,6 @@ def test_forecasts_of_few_images_agree_with_what_other_real_images_show(few, sam
     other = planar_data_set(224, 96)[24:]
     errors = found.pipeline.predict(other.images) - other.delta_p()
     measured = np.sqrt(np.mean(errors**2, axis=0)) / other.ranges()
-    forecast = np.array([one.rms[0] for one in found.forecasts.values()])
+    forecast = np.array([one.rms[0] for one in found.decision.forecasts.values()])
     assert forecast / measured == pytest.approx(np.ones(6), abs=0.5)
     assert found.view.n_read == 8

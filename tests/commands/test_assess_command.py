@@ -91,7 +91,7 @@ def test_the_pipeline_of_the_choice_is_saved_with_what_is_known_of_it(tmp_path):
     units = dict(zip(DOFS, DISPLAY_FACTORS, strict=True))
     for dof, row in summary["assessment"].items():
         assert told["forecast"][dof] * units[dof] == pytest.approx(row["forecast_rms"])
-        assert told["measured"][dof] * units[dof] == pytest.approx(row["reached_rms"])
+        assert told["measured"][dof] * units[dof] == pytest.approx(row["split_rms"])
         low, high = row["reached_interval"]
         assert low < row["reached_rms"] < high
     test = pipeline.split_.test
@@ -192,3 +192,21 @@ def test_what_is_known_of_one_dof_leaves_the_simulated_errors_of_the_others(tmp_
     for dof, label in zip(DOFS, (1.0, *[0.5] * 5), strict=True):
         share = told[dof]["budget"]["pose_labels"]
         assert share == pytest.approx((label / told[dof]["forecast_rms"]) ** 2, rel=1e-6)
+
+
+@pytest.mark.usefixtures("without_view")
+def test_dofs_that_are_named_are_assessed_alone(tmp_path, capsys):
+    options = ["--dofs", "tx,rz", "--tolerance", "t=1mm", "--json"]
+    code, run = assess(planar_data_set(64, 16), tmp_path, *options)
+    assert code == 0
+    told = json.loads(capsys.readouterr().out)
+    for dof, row in told["assessment"].items():
+        is_asked = dof in ("tx", "rz")
+        assert (row["forecast_rms"] is not None) == is_asked
+        assert (row["limited_by"] == "not asked for") != is_asked
+        assert (row["tolerance"] is not None) == (dof == "tx")
+    pipeline = PosePipeline.load(run / "models" / "pipeline")
+    assert tuple(pipeline.regressors_) == ("tx", "rz")
+    (tmp_path / "other").mkdir()
+    assert assess(planar_data_set(64, 16), tmp_path / "other", "--dofs", "tx,yaw")[0] == 1
+    assert "each named once, got tx,yaw" in capsys.readouterr().err

@@ -15,6 +15,7 @@ from servoscope.data.independence import independent_groups, mark_sequence
 from servoscope.errors import DataSetError
 from servoscope.pipeline import PosePipeline
 from servoscope.poses import poses_from_displacements
+from servoscope.positioning.training import Assessed
 
 
 def in_order() -> PoseImageSet:
@@ -125,3 +126,26 @@ def test_a_damaged_assessment_is_refused_in_one_line(assessed, tmp_path, damage,
         read_assessment(run, data)
     assert "servoscope.errors" in type(caught.value).__module__
     assert "\n" not in str(caught.value)
+
+
+def test_dofs_are_those_of_the_assessment(assessed, tmp_path, monkeypatch, capsys):
+    given = []
+
+    def train_model(data, **_):
+        given.append(data.dofs)
+        raise DataSetError("Enough is known.")
+
+    monkeypatch.setattr("servoscope.positioning.training.train", train_model)
+    pipeline = PosePipeline.load(assessed / "run" / "models" / "pipeline")
+    for dof in ("ty", "tz", "rx", "ry"):
+        del pipeline.regressors_[dof]
+    monkeypatch.setattr(
+        "servoscope.commands.train.read_assessment",
+        lambda *_: Assessed(pipeline, np.arange(80), {}),
+    )
+    options = ["--assessment", str(assessed / "run")]
+    assert train(assessed, *options) == train(assessed, *options, "--dofs", "rz,tx") == 1
+    assert given == [("tx", "rz")] * 2
+    assert train(assessed, *options, "--dofs", "tx,ty") == 1
+    assert "assessment of tx, rz, but --dofs asks for tx, ty" in capsys.readouterr().err
+    assert len(given) == 2

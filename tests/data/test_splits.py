@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servoscope.data.splits import split_images
+from servoscope.data.splits import deal_groups, further_splits, split_images
 from servoscope.errors import InvalidInputError
 
 seeds = st.integers(0, 2**31)
@@ -95,3 +95,23 @@ def test_groups_that_do_not_fit_are_refused():
         split_images(9, groups=np.arange(8))
     with pytest.raises(InvalidInputError, match=r"at least 8 places .* got 3 of 9 images"):
         split_images(9, groups=np.arange(9) // 3)
+
+
+@given(st.lists(st.integers(1, 9), min_size=8, max_size=40), seeds)
+def test_further_splits_test_every_group_once_and_divide_none(sizes, seed):
+    labels = np.append(np.repeat(np.arange(len(sizes)), sizes), [-1, -1])  # some of no group
+    groups = np.random.default_rng(seed).permutation(labels)
+    split = split_images(len(groups), seed=seed, groups=groups)
+    splits = [split, *further_splits(split, groups, seed)]
+    tested = np.concatenate([one.test for one in splits])
+    assert np.sort(tested).tolist() == np.flatnonzero(groups >= 0).tolist()
+    for one in splits:
+        parts = [set(groups[part].tolist()) for part in (one.train, one.validation, one.test)]
+        assert all(parts)
+        assert sum(map(len, parts)) == len(set.union(*parts)) == len(set(groups[groups >= 0]))
+
+
+def test_groups_are_dealt_so_that_parts_are_of_about_equal_size():
+    dealt = deal_groups(np.repeat([0, 1, 2, 3, 4, -1], [5, 4, 3, 3, 2, 1]), 3)
+    assert sorted(np.bincount(dealt[:-1]).tolist()) == [5, 6, 6]
+    assert dealt[-1] == -1

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from servoscope.cli import main
+from servoscope.data.images import PoseImageSet
 
 pytestmark = pytest.mark.filterwarnings("default::servoscope.errors.ServoscopeWarning")
 
@@ -78,3 +79,13 @@ def test_a_broken_acquisition_is_one_line_and_no_obstacle_to_force(
     assert main(command) == 1
     assert "replace it with --force" in capsys.readouterr().err
     assert main([*command, "--force"]) == 0
+
+
+def test_the_dofs_of_the_robot_are_kept_with_the_images(pose_folder, tmp_path, capsys):
+    pose_folder.write_csv()
+    command = ["import", "folder", str(pose_folder.path), str(tmp_path / "set"), "--json"]
+    assert main([*command, "--dofs", "rz,tx"]) == 0
+    assert json.loads(capsys.readouterr().out)["dofs"] == ["tx", "rz"]
+    assert PoseImageSet.load(tmp_path / "set").dofs == ("tx", "rz")
+    assert main([*command, "--dofs", "rz,rz", "--force"]) == 1
+    assert "each named once, got rz,rz" in capsys.readouterr().err

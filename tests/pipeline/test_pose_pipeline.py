@@ -232,3 +232,24 @@ def test_folds_have_the_columns_of_the_table_however_few_the_images(plane):
     for fold in table.folds:
         assert fold.X.shape[1] == len(table.names)
         np.testing.assert_array_equal(fold.X[:, moments], table.values[np.ix_(learn, moments)])
+
+
+def test_what_a_table_has_of_the_same_images_is_not_computed_again(plane, monkeypatch):
+    names, Y = ["moments", "pose_covariance"], plane.delta_p() / plane.ranges()
+    learn, other = np.arange(90), np.arange(30, 120)
+    table = FeatureTable.fit(plane.images, Y, names, learn, n_jobs=1)
+    anew = FeatureTable.fit(plane.images, Y, names, other, n_jobs=1)
+    same = FeatureTable.fit(plane.images, Y, names, other, known=table, n_jobs=1)
+    np.testing.assert_array_equal(same.values, anew.values)
+    assert same.names == anew.names
+    assert same.fitted["moments"] is table.fitted["moments"]
+
+    def compute(*_):
+        raise AssertionError("it is known")
+
+    monkeypatch.setattr("servoscope.pipeline.feature_table._compute", compute)
+    again = FeatureTable.fit(plane.images, Y, names[::-1], learn, known=table, n_jobs=1)
+    assert sorted(again.names) == sorted(table.names)
+    np.testing.assert_array_equal(
+        again.values[:, [again.names.index(n) for n in table.names]], table.values
+    )

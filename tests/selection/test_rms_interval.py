@@ -162,3 +162,13 @@ def test_one_group_without_error_leaves_the_interval_finite():
 def test_unequal_groups_count_as_fewer(sizes, expected):
     groups = np.repeat(np.arange(len(sizes)) * 7, sizes)
     assert effective_groups(groups) == pytest.approx(expected)
+
+
+def test_of_groups_that_are_known_only_the_new_ones_are_uncertain():
+    residuals, groups = np.random.default_rng(0).normal(size=(80, 1)), np.repeat(np.arange(8), 10)
+    shares = (1.0, 0.5, 0.1, 0.0)
+    ends = [np.log(rms_ratio_interval(residuals, groups, 3, share_new=one)) for one in shares]
+    widths = [float(high[0] - low[0]) for low, high in ends]
+    assert widths == sorted(widths, reverse=True)
+    assert widths[-1] == pytest.approx(0, abs=1e-9)
+    assert widths[2] == pytest.approx(0.1 * widths[0], rel=0.2)

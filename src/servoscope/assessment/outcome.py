@@ -7,14 +7,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.assessment.decision import Decision, Measured
 from servoscope.assessment.image_facts import ImageFacts
 from servoscope.assessment.rendered import Sample
 from servoscope.assessment.view import ViewFindings
 from servoscope.data.images import PoseImageSet
 from servoscope.data.independence import IndependentGroups
 from servoscope.data.splits import Split
-from servoscope.pipeline import Candidate, Fitted, PosePipeline
-from servoscope.selection import Forecast, LearningCurve
+from servoscope.pipeline import Fitted, PosePipeline
+from servoscope.selection import LearningCurve
 
 Array = NDArray[np.float64]
 
@@ -25,16 +26,11 @@ class Assessment:
 
     Parameters
     ----------
-    sample : Sample
-        The images, and which of them test.
+    decision : Decision
+        The images, what was chosen for each dof, and what it is forecast to reach and reaches.
     images : ImageFacts
-    candidates : dict of Candidate
-    choice : dict
-        The candidate that predicts each dof best, for those that move in the images learned from.
-    forecasts : dict of Forecast
-        By dof, on the chosen features.
-    fitted : dict of Fitted
-        By dof, on the chosen features.
+    measured : Measured
+        What the choice errs on test images.
     pipeline : PosePipeline or None
         Of the chosen recipes; None where nothing moves.
     best_features : dict of tuple of str
@@ -55,12 +51,9 @@ class Assessment:
         Other regressors on the chosen features, and on the paper's; none unless asked for.
     """
 
-    sample: Sample
+    decision: Decision = field(repr=False)
     images: ImageFacts
-    candidates: dict[str, Candidate] = field(repr=False)
-    choice: dict[str, str]
-    forecasts: dict[str, Forecast] = field(repr=False)
-    fitted: dict[str, Fitted] = field(repr=False)
+    measured: Measured = field(repr=False)
     pipeline: PosePipeline | None = field(repr=False)
     best_features: dict[str, tuple[str, ...]]
     curves: dict[str, LearningCurve] = field(repr=False)
@@ -71,6 +64,11 @@ class Assessment:
     view: ViewFindings | None = field(repr=False)
     regressors: list[Fitted] = field(repr=False)
     regressors_on_moments: list[Fitted] = field(repr=False)
+
+    @property
+    def sample(self) -> Sample:
+        """The images, and which of them test."""
+        return self.decision.sample
 
     @property
     def data(self) -> PoseImageSet:

@@ -97,11 +97,21 @@ def decision_table(assessed: Row) -> Table:
         "bound of the grey levels at the reference). Features: forecast before anything was "
         "trained, with its 90 % interval, and measured on test images. "
         f"{images['n_train'] + images['n_validation']} images{rendered} to learn from, "
-        f"{images['n_test']} to test on.",
+        f"{images['n_test']} to test on{_pooled(images)}.",
         align="lrrrrrrl",
         name="decision-table",
         style="decision",
     )  # fmt: skip
+
+
+def _pooled(images: Row) -> str:
+    """In how many splits features were measured, in words."""
+    if images.get("n_splits", 1) == 1:
+        return ""
+    return (
+        f"; features are measured on {images['n_tested']}, of {images['n_tested_groups']} "
+        f"independent groups, in {images['n_splits']} splits of the images"
+    )
 
 
 def families_table(assessed: Row) -> Table:

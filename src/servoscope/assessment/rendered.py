@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,7 +18,7 @@ from servoscope.data.independence import (
     independent_groups,
     split_groups,
 )
-from servoscope.data.splits import Split
+from servoscope.data.splits import Split, further_splits
 from servoscope.dofs import mask_of
 from servoscope.errors import InvalidInputError
 from servoscope.keyframe import Keyframe
@@ -33,13 +35,16 @@ from servoscope.rehearsal.true_view import (
     shifts,
 )
 from servoscope.selection import Forecast
-from servoscope.selection.rms_interval import rms_interval
+from servoscope.selection.rms_interval import effective_groups, rms_interval
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 N_RENDERED = 512
 """Rendered images that join the real ones."""
+
+ENOUGH_TESTED = 100
+"""With so many independent groups tested, the RMS of one split is as sure as that of several."""
 
 _N_PARTS = 3
 _BLOCK = 10
@@ -62,6 +67,11 @@ class Sample:
     n_rendered : int
     view : FittedView, optional
         The keyframe that was rendered. It was fitted to real images that are learned from.
+    real : PoseImageSet, optional
+        The real images alone; all of them by default.
+    parts : ndarray of shape (n_real,), optional
+        Where some are rendered, in which part of the real images each is, one of which tests; -1
+        for those of none.
     """
 
     data: PoseImageSet = field(repr=False)
@@ -69,16 +79,17 @@ class Sample:
     split: Split = field(repr=False)
     n_rendered: int = 0
     view: FittedView | None = field(default=None, repr=False)
+    real: PoseImageSet = field(default=None, repr=False)  # type: ignore[assignment]
+    parts: Indices | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.real is None:
+            object.__setattr__(self, "real", self.data)
 
     @property
     def n_real(self) -> int:
         """The first so many images are real."""
         return len(self.data) - self.n_rendered
-
-    @property
-    def real(self) -> PoseImageSet:
-        """The real images alone."""
-        return self.data[: self.n_real] if self.n_rendered else self.data
 
     @property
     def real_split(self) -> Split:
@@ -142,8 +153,66 @@ def sample_images(
         parts = independent_groups(data, _N_PARTS).labels
     except InvalidInputError:
         raise InvalidInputError(too_few) from None
-    test = np.flatnonzero(parts == seed % _N_PARTS)
-    learn = np.flatnonzero((parts >= 0) & (parts != seed % _N_PARTS))
+    return _with_rendered(
+        data, groups, parts, seed % _N_PARTS, seed, n_rendered, too_few, n_jobs, progress
+    )
+
+
+def other_samples(
+    sample: Sample,
+    seed: int = 0,
+    *,
+    n_jobs: int | None = -1,
+    progress: ProgressBar = no_progress,
+) -> Iterator[Sample]:
+    """The same images split otherwise, until `ENOUGH_TESTED` groups or all are tested, each once.
+
+    Parameters
+    ----------
+    sample : Sample
+    seed, n_jobs, progress
+        As of `sample_images`. Images are rendered anew from a keyframe that has not seen the test
+        images; a split in which none explains the view is left out.
+    """
+    labels, tested = sample.independence.labels, sample.split.test
+    if sample.parts is None:
+        for split in further_splits(sample.split, labels, seed):
+            if effective_groups(labels[tested]) >= ENOUGH_TESTED:
+                return
+            tested = np.concatenate([tested, split.test])
+            yield replace(sample, split=split)
+        return
+    groups = replace(sample.independence, labels=labels[: sample.n_real])
+    for part in range(_N_PARTS):
+        if part != seed % _N_PARTS:
+            with suppress(InvalidInputError):
+                yield _with_rendered(
+                    sample.real,
+                    groups,
+                    sample.parts,
+                    part,
+                    seed,
+                    sample.n_rendered,
+                    "",
+                    n_jobs,
+                    progress,
+                )
+
+
+def _with_rendered(
+    data: PoseImageSet,
+    groups: IndependentGroups,
+    parts: Indices,
+    part: int,
+    seed: int,
+    n_rendered: int,
+    too_few: str,
+    n_jobs: int | None,
+    progress: ProgressBar,
+) -> Sample:
+    """Few real images, a part of which tests, and images rendered of the others."""
+    test = np.flatnonzero(parts == part)
+    learn = np.flatnonzero((parts >= 0) & (parts != part))
     with progress("keyframe", 1) as advance, one_blas_thread():
         view = fit_view(data, learn, test)
         advance(1)
@@ -178,7 +247,8 @@ def sample_images(
         source={**data.source, "n_rendered": n_rendered},
         asked_dofs=data.dofs,
     )
-    return Sample(joined, replace(groups, labels=labels), split, n_rendered, view)
+    independence = replace(groups, labels=labels)
+    return Sample(joined, independence, split, n_rendered, view, data, parts)
 
 
 def _spread(delta_p: Array, ranges: Array, n: int, rng: np.random.Generator) -> Array:

@@ -14,6 +14,7 @@ from servoscope.assessment.disturbed import TITLES
 from servoscope.assessment.outcome import Assessment
 from servoscope.assessment.verdict import (
     CONSTANT,
+    LEFT_OUT,
     STILL,
     arrives,
     conclude,
@@ -26,8 +27,7 @@ from servoscope.assessment.view import ViewFindings
 from servoscope.features.catalogue import title_of
 from servoscope.pipeline import Fitted
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
-from servoscope.selection import Forecast, LearningCurve
-from servoscope.selection.rms_interval import effective_groups, rms_ratio_interval
+from servoscope.selection import LearningCurve
 
 TIMES = (1, 2, 5, 10)
 """Numbers of images, in those there are, at which the learning curve is given."""
@@ -66,8 +66,8 @@ def as_json(
     scale = dict(zip(DOFS, found.data.ranges() * DISPLAY_FACTORS, strict=True))
     dofs = {
         dof: _decide(found, dof, scale[dof], tolerances.get(dof), label_errors.get(dof))
-        if dof in found.choice
-        else _still(dof, tolerances.get(dof))
+        if dof in found.decision.choice
+        else _still(dof, tolerances.get(dof), dof in (found.sample.real.asked_dofs or DOFS))
         for dof in DOFS
     }
     loop = None if found.view is None else found.view.loop
@@ -80,7 +80,7 @@ def as_json(
         if found.view is None
         else {"n_read": found.view.n_read, "share_right": found.view.share_right},
         "images": _images(found),
-        "families": {name: _family(found, name, scale) for name in found.candidates},
+        "families": {name: _family(found, name, scale) for name in found.decision.candidates},
         "regressors": _regressors(found.regressors, scale),
         "regressors_on_moments": _regressors(found.regressors_on_moments, scale),
         "disturbed": {
@@ -121,17 +121,18 @@ def _warnings(found: Assessment) -> Iterator[str]:
         yield f"Exact copies of other images: {found.images.n_copies}. Was the camera frozen?"
 
 
-def _still(dof: str, tolerance: float | None) -> dict[str, Any]:
+def _still(dof: str, tolerance: float | None, is_asked: bool) -> dict[str, Any]:
     """A dof of which nothing can be said."""
     return {
         "forecast_rms": None,
         "interval": None,
         "reached_rms": None,
         "reached_interval": None,
+        "split_rms": None,
         "unit": DISPLAY_UNITS[DOFS.index(dof)],
-        "limited_by": STILL,
+        "limited_by": STILL if is_asked else LEFT_OUT,
         "best_features": [],
-        "advice": ["take images in which it moves"],
+        "advice": ["take images in which it moves"] if is_asked else [],
         "observable": "still",
         "tolerance": tolerance,
         "one_look": None,
@@ -145,10 +146,11 @@ def _still(dof: str, tolerance: float | None) -> dict[str, Any]:
 def _decide(
     found: Assessment, dof: str, scale: float, tolerance: float | None, label_error: float | None
 ) -> dict[str, Any]:
-    i, name = DOFS.index(dof), found.choice[dof]
-    forecast, fitted, curve = found.forecasts[dof], found.fitted[dof], found.curves[dof]
+    i, name = DOFS.index(dof), found.decision.choice[dof]
+    decision, curve = found.decision, found.curves[dof]
+    forecast, fitted, measured = decision.forecasts[dof], decision.fitted[dof], found.measured
     rms, baseline = float(forecast.rms[0]), float(forecast.baseline[0])
-    observable = grade(_share_left(found, rms, fitted.test_rms, baseline))
+    observable = grade(_share_left(found, rms, measured.rms(dof), baseline))
     images = {times: rms * _falls_to(curve, times) for times in TIMES}
     budget = share_out(
         rms,
@@ -159,15 +161,16 @@ def _decide(
     )
     findings = _find(found, dof, scale, tolerance, images, observable)
     reached = {
-        "rms": fitted.test_rms * scale,
-        "interval": _reached_interval(found, dof, scale),
+        "rms": measured.rms(dof) * scale,
+        "interval": [end * scale for end in measured.interval(dof)],
         "by": "features",
     }
     row: dict[str, Any] = {
         "forecast_rms": rms * scale,
-        "interval": _forecast_interval(found, forecast, scale),
+        "interval": [end * scale for end in decision.interval_of(forecast, found.measured)],
         "reached_rms": reached["rms"],
         "reached_interval": reached["interval"],
+        "split_rms": fitted.test_rms * scale,
         "unit": DISPLAY_UNITS[i],
         "limited_by": CONSTANT
         if not found.images.change
@@ -175,7 +178,7 @@ def _decide(
             observable,
             budget,
             is_at_period=findings.period_px is not None,
-            rms=fitted.test_rms * scale,
+            rms=measured.rms(dof) * scale,
             view_limit=findings.view_limit,
         ),
         "best_features": list(found.best_features[dof]),
@@ -217,26 +220,6 @@ def _by_keyframe(view: ViewFindings, dof: str, reached: dict[str, Any]) -> dict[
     }
 
 
-def _forecast_interval(found: Assessment, forecast: Forecast, scale: float) -> list[float]:
-    """90 % interval of what the test images, of which there are only so many groups, will show."""
-    learned, tested = _groups(found)
-    return [float(end) * scale for end in forecast.interval_of_test(learned, tested)[:, 0]]
-
-
-def _reached_interval(found: Assessment, dof: str, scale: float) -> list[float]:
-    """90 % interval of what infinitely many test images would show, of whose groups some did."""
-    learned, tested = _groups(found)
-    residuals, n_tested = found.forecasts[dof].residuals, effective_groups(tested)
-    ratios = rms_ratio_interval(residuals, learned, np.inf, n_tested)[:, 0]
-    return [float(ratio) * found.fitted[dof].test_rms * scale for ratio in ratios]
-
-
-def _groups(found: Assessment) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The independent groups of the images that are learned from and of the test images."""
-    labels = found.independence.labels
-    return labels[found.split.learned], labels[found.split.test]
-
-
 def _find(
     found: Assessment,
     dof: str,
@@ -245,8 +228,9 @@ def _find(
     images: Mapping[int, float],
     observable: str,
 ) -> Findings:
-    i, name = DOFS.index(dof), found.choice[dof]
-    forecast, curve, candidate = found.forecasts[dof], found.curves[dof], found.candidates[name]
+    i, name = DOFS.index(dof), found.decision.choice[dof]
+    decision, curve = found.decision, found.curves[dof]
+    forecast, candidate = decision.forecasts[dof], decision.candidates[name]
     narrower, view = found.without_border.get(dof), found.view
     level = _ratio(
         images[1], float(candidate.forecasts[dof].rms[0])
@@ -256,7 +240,7 @@ def _find(
     return Findings(
         unit=DISPLAY_UNITS[i],
         rms=images[1] * scale,
-        reached=found.fitted[dof].test_rms * scale,
+        reached=found.measured.rms(dof) * scale,
         baseline=float(forecast.baseline[0]) * scale,
         tolerance=tolerance,
         n_images=int(curve.n_images[-1]),
@@ -297,7 +281,7 @@ def _period_of_errors(found: Assessment, dof: str, scale: float, observable: str
     focal = keyframe.camera.f * keyframe.reference_image.shape[1]
     period_px = float(np.hypot(*shift))
     period = 1e3 * period_px / focal / float(np.median(keyframe.inverse_depth))
-    errors = np.abs(found.forecasts[dof].residuals[:, 0]) * scale
+    errors = np.abs(found.decision.forecasts[dof].residuals[:, 0]) * scale
     large = errors[errors > _LARGE * np.median(errors)]
     near = np.abs(large - period) < _NEAR_PERIOD * period
     is_cluster = len(large) >= _LEAST_LARGE and near.mean() > _MOST_OF_LARGE
@@ -324,7 +308,7 @@ def _scaled(value: float | None, scale: float) -> float | None:
 
 def _share_left(found: Assessment, forecast: float, reached: float, baseline: float) -> float:
     """Error, over all images, as a share of that of predicting the mean."""
-    n_test = len(found.split.test)
+    n_test = len(found.measured.images)
     n_learned = len(found.sample.real_split.learned)
     squares = n_learned * forecast**2 + n_test * reached**2
     return float(np.sqrt(squares / (n_learned + n_test))) / baseline if baseline > 0 else 1.0
@@ -373,6 +357,7 @@ def _regressors(compared: Sequence[Fitted], scale: Mapping[str, float]) -> list[
 
 def _images(found: Assessment) -> dict[str, Any]:
     images, repetition, sample = found.images, found.images.repetition, found.sample
+    measured = found.measured
     split = {part: indices.tolist() for part, indices in vars(sample.split).items()}
     return {
         "independence": found.independence.kind,
@@ -380,6 +365,9 @@ def _images(found: Assessment) -> dict[str, Any]:
         "n_train": len(sample.real_split.train),
         "n_validation": len(sample.real_split.validation),
         "n_test": len(sample.split.test),
+        "n_tested": len(measured.images),
+        "n_tested_groups": len(np.unique(measured.groups)),
+        "n_splits": measured.n_splits,
         "n_rendered": sample.n_rendered,
         **({"split": split} if sample.n_rendered else {}),
         "n_copies": images.n_copies,
@@ -391,16 +379,18 @@ def _images(found: Assessment) -> dict[str, Any]:
 
 
 def _family(found: Assessment, name: str, scale: Mapping[str, float]) -> dict[str, Any]:
-    candidate = found.candidates[name]
+    candidate = found.decision.candidates[name]
     return {
         "title": title_of(name),
         "n_features": candidate.n_features,
         "dofs": {
             dof: {
                 "forecast_rms": float(forecast.rms[0]) * scale[dof],
-                "interval": _forecast_interval(found, forecast, scale[dof]),
-                "reached_rms": found.fitted[dof].test_rms * scale[dof]
-                if found.choice[dof] == name
+                "interval": [
+                    end * scale[dof] for end in found.decision.interval_of(forecast, found.measured)
+                ],
+                "reached_rms": found.measured.rms(dof) * scale[dof]
+                if found.decision.choice[dof] == name
                 else None,
             }
             for dof, forecast in candidate.forecasts.items()

@@ -24,8 +24,9 @@ LIMITS = {
 }
 """What the largest share of the error budget is called."""
 
-STILL, CONSTANT, UNPREDICTED, REPEATING = (
+STILL, LEFT_OUT, CONSTANT, UNPREDICTED, REPEATING = (
     "never moves",
+    "not asked for",
     "images do not change",
     "no feature predicts it",
     "repeating pattern",

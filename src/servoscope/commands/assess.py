@@ -7,7 +7,17 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from servoscope.commands.options import DataSet, Force, Jobs, Json, Protocol, Resume, RunOut
+from servoscope.commands.options import (
+    DataSet,
+    Dofs,
+    Force,
+    Jobs,
+    Json,
+    Protocol,
+    Resume,
+    RunOut,
+    with_dofs,
+)
 
 Tolerance = Annotated[
     str,
@@ -26,6 +36,7 @@ def assess(
     pose_error: str = "",
     families: str = "all",
     regressor: str = "gaussian_process",
+    dofs: Dofs = None,
     study: bool = False,
     seed: int = 0,
     protocol: Protocol = "both",
@@ -48,7 +59,8 @@ def assess(
             of simulated images; taken for 0 otherwise.
         families: Families of features to try, with commas between them, of moments, eigenfeatures,
             pose_covariance, least_squares, projections, log_polar, gradient, intensity, robust,
-            tchebichef, lfa, and those of installed packages.
+            tchebichef, lfa, and those of installed packages; all stands for these but tchebichef
+            and lfa.
         regressor: What is trained on the chosen features: gaussian_process, kernel_ridge,
             levenberg_marquardt (the paper's nets), bayesian_lm, lbfgs, or one of an installed
             package.
@@ -65,8 +77,10 @@ def assess(
     from servoscope.data.checks import check_data
     from servoscope.data.images import PoseImageSet
     from servoscope.data.independence import check_enough_images, mark_sequence
+    from servoscope.dofs import parse_dofs
     from servoscope.errors import InvalidInputError, ServoscopeWarning
     from servoscope.features.catalogue import parse_families
+    from servoscope.poses import DOFS
     from servoscope.regression.registry import make_regressor
     from servoscope.storage.run_folder import owned_run_folder
     from servoscope.study import StudyConfig
@@ -74,21 +88,22 @@ def assess(
 
     processes = n_jobs(jobs)
     config = StudyConfig(seed=seed, protocols=protocols(protocol))
-    tolerances, label_errors = parse_tolerances(tolerance), parse_tolerances(pose_error)
+    asked = DOFS if dofs is None else parse_dofs(dofs)
+    tolerances, label_errors = (parse_tolerances(text, asked) for text in (tolerance, pose_error))
     tried = parse_families(families)
     make_regressor(regressor)
     if out.resolve() in (dataset.resolve(), *dataset.resolve().parents):
         raise InvalidInputError(
             f"--out {out} is or holds the data set {dataset}; name another folder."
         )
-    data = PoseImageSet.load(dataset)
+    data = with_dofs(PoseImageSet.load(dataset), dofs)
     check_enough_images(data)
     for finding in check_data(data):
         warnings.warn(finding.text, ServoscopeWarning, stacklevel=2)
     data = mark_sequence(data)  # the study's random split would flatter
     settings = {"command": "assess", **asdict(config), "dataset": str(dataset.resolve())}
     settings |= {"tolerance": tolerances, "pose_error": label_errors, "families": tried}
-    settings |= {"regressor": regressor, "study": study}
+    settings |= {"regressor": regressor, "dofs": list(data.dofs), "study": study}
     with owned_run_folder(out, settings, resume=resume, force=force) as run:
         assessment = run_assessment(
             run,

@@ -5,7 +5,7 @@ from typing import Any
 
 from tyro.conf import OmitArgPrefixes
 
-from servoscope.commands.options import DataSetOut, Force, Json, Source
+from servoscope.commands.options import DataSetOut, Dofs, Force, Json, Source, with_dofs
 from servoscope.errors import PluginError
 from servoscope.formats.options import ImportOptions
 from servoscope.formats.registry import FORMATS, Format
@@ -18,6 +18,7 @@ def import_command(name: str, format_: Format) -> Callable[..., None]:
         src: Source,
         out: DataSetOut,
         options: OmitArgPrefixes[format_.options],  # type: ignore[name-defined]
+        dofs: Dofs = None,
         force: Force = False,
         json: Json = False,
     ) -> None:
@@ -30,7 +31,7 @@ def import_command(name: str, format_: Format) -> Callable[..., None]:
             check_free(out, force=force)
             with progress_bar("images", None) as advance:
                 data = format_.read(src, options, advance)
-            data.save(place)
+            with_dofs(data, dofs).save(place)
         print_facts(describe_data_set(out), as_json=json)
 
     shown = "\n\n".join(f"servoscope import {name} SRC OUT {e}" for e in format_.examples)

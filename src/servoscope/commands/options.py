@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import wraps
 from inspect import signature
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
 from servoscope.data.splits import PROTOCOLS
+from servoscope.dofs import parse_dofs
 from servoscope.errors import InvalidInputError
 from servoscope.storage.folders import owned
+
+if TYPE_CHECKING:
+    from servoscope.data.images import PoseImageSet
 
 Source = Positional[Annotated[Path, arg(metavar="SRC", help="Folder to read.")]]
 DataSetOut = Positional[Annotated[Path, arg(metavar="OUT", help="Data set folder to write.")]]
@@ -63,6 +68,11 @@ def owning_model(command: Callable[..., None]) -> Callable[..., None]:
             command(*args, **options)
 
     return owner
+
+
+def with_dofs(data: PoseImageSet, dofs: str | None) -> PoseImageSet:
+    """A data set with the degrees of freedom of ``--dofs``, or else as it is."""
+    return data if dofs is None else replace(data, asked_dofs=parse_dofs(dofs))
 
 
 def n_jobs(jobs: int | None) -> int:

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import UseAppendAction, arg
 
-from servoscope.commands.options import DataSet, Dofs, Force, Jobs, Json, ModelOut, owning_model
+from servoscope.commands.options import (
+    DataSet,
+    Dofs,
+    Force,
+    Jobs,
+    Json,
+    ModelOut,
+    owning_model,
+    with_dofs,
+)
 from servoscope.errors import InvalidInputError, ServoscopeWarning
 from servoscope.wording import one_line
 
@@ -106,7 +115,6 @@ def train(
     from servoscope.data.checks import check_data
     from servoscope.data.images import PoseImageSet
     from servoscope.data.independence import mark_sequence
-    from servoscope.dofs import parse_dofs
     from servoscope.features.catalogue import parse_families
     from servoscope.poses import DISPLAY_FACTORS, DOFS
     from servoscope.positioning.keyframe_model import KeyframeModel
@@ -124,8 +132,7 @@ def train(
     data = PoseImageSet.load(dataset)
     for more in add:
         data = data + PoseImageSet.load(more)
-    if dofs is not None:
-        data = replace(data, asked_dofs=parse_dofs(dofs))
+    data = with_dofs(data, dofs)
     for finding in check_data(data):
         warnings.warn(finding.text, ServoscopeWarning, stacklevel=2)
     calibration = _calibration(data.image_shape, intrinsics, pose_noise, distance_mm)
@@ -133,6 +140,7 @@ def train(
     if assessment is not None:
         data = mark_sequence(data)
         assessed = read_assessment(assessment, data)
+        data = _as_assessed(data, assessed, assessment, is_asked=dofs is not None)
     with progress_bar("training", N_STAGES) as advance:
         model = train_model(
             data,
@@ -206,6 +214,19 @@ def read_assessment(run: Path, data: PoseImageSet) -> Assessed:
             f"{run} is damaged ({one_line(error)}); make the run again with --force."
         ) from error
     return Assessed(pipeline, groups, record)
+
+
+def _as_assessed(
+    data: PoseImageSet, assessed: Assessed, run: Path, *, is_asked: bool
+) -> PoseImageSet:
+    """The data set with the dofs that were assessed."""
+    dofs = tuple(assessed.pipeline.regressors_)
+    if is_asked and data.dofs != dofs:
+        raise InvalidInputError(
+            f"{run} is an assessment of {', '.join(dofs)}, but --dofs asks for "
+            f"{', '.join(data.dofs)}; assess with the same --dofs, or leave it out."
+        )
+    return replace(data, asked_dofs=dofs)
 
 
 def _dof_records(pipeline: PosePipeline, found: dict[str, Any]) -> dict[str, Any]:

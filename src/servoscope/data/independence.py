@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 from sklearn.cluster import KMeans
 
 from servoscope.data.images import PoseImageSet
-from servoscope.data.splits import LEAST_GROUPS, Split, split_images
+from servoscope.data.splits import LEAST_GROUPS, Split, deal_groups, split_images
 from servoscope.dofs import mask_of
 from servoscope.errors import InvalidInputError
 from servoscope.kernels.repeats import find_repeats, whole_poses
@@ -70,6 +70,18 @@ class IndependentGroups:
     labels: Indices
     distance: float
     ratio: float
+
+    def dependent(self, images: Indices) -> Indices | None:
+        """The labels, or None where each of some images is by itself.
+
+        Parameters
+        ----------
+        images : ndarray
+            Such as those that are learned from: only if some of these are of one group must a
+            forecast from them leave groups out.
+        """
+        own = self.labels[images]
+        return None if len(np.unique(own)) == len(own) else self.labels
 
 
 _STANDS_STILL = 1e-3
@@ -281,19 +293,13 @@ def _joined(units: Indices, pairs: Indices) -> Indices:
 
 
 def _dealt(labels: Indices, n_groups: int) -> Indices:
-    """Groups put together: the largest first, each to those that have the fewest images."""
-    sizes = np.bincount(labels[labels >= 0])
-    if len(sizes) < n_groups:
+    n_found = int(labels.max(initial=-1)) + 1
+    if n_found < n_groups:
         raise InvalidInputError(
             f"To hold some images out, they must be of at least {n_groups} different places, but "
-            f"these {len(labels)} are of {len(sizes)} that are far apart; take them at more poses."
+            f"these {len(labels)} are of {n_found} that are far apart; take them at more poses."
         )
-    dealt, filled = np.empty(len(sizes) + 1, dtype=np.intp), np.zeros(n_groups)
-    for group in np.argsort(-sizes, kind="stable"):
-        dealt[group] = np.argmin(filled)
-        filled[dealt[group]] += sizes[group]
-    dealt[-1] = -1
-    return dealt[labels]
+    return deal_groups(labels, n_groups)
 
 
 def _whitened(data: PoseImageSet) -> Array:

@@ -99,6 +99,79 @@ def split_images(
     return Split(train, validation, test)
 
 
+def further_splits(split: Split, groups: Indices, seed: int = 0) -> list[Split]:
+    """Splits that test on what a split learns from: every group of it once, between them.
+
+    Parameters
+    ----------
+    split : Split
+    groups : ndarray of shape (n_images,)
+        As of `split_images`; no group is divided.
+    seed : int
+        Draws the images that decide.
+
+    Returns
+    -------
+    list of Split
+        Each tests on about as many images as the split does, and learns from all others, those
+        that the split tests on among them.
+
+    Examples
+    --------
+    >>> split = split_images(100)
+    >>> others = further_splits(split, np.arange(100))
+    >>> len(others), [len(other.learned) for other in others]
+    (3, [75, 75, 75])
+    >>> tested = np.concatenate([split.test, *(other.test for other in others)])
+    >>> np.sort(tested).tolist() == list(range(100))
+    True
+    """
+    learned = split.learned
+    images = np.sort(np.concatenate([learned, split.test]))
+    n_groups = len(np.unique(groups[learned]))
+    n_parts = min(max(round(len(learned) / len(split.test)), 1), n_groups)
+    _, own = np.unique(groups[learned], return_inverse=True)
+    dealt = deal_groups(own, n_parts)
+    splits = []
+    for part in range(n_parts):
+        test = learned[dealt == part]
+        rest = np.setdiff1d(images, test)
+        members = _members(groups[rest])
+        order = np.random.default_rng([seed, 1, part]).permutation(len(members))
+        drawn = [rest[members[i]] for i in order]
+        validation = _draw(drawn, round(HONEST_FRACTIONS[1] * len(images)))
+        splits.append(Split(np.sort(np.concatenate(drawn)), validation, test))
+    return splits
+
+
+def deal_groups(labels: Indices, n_parts: int) -> Indices:
+    """Groups put together: the largest first, each to the part that has the fewest images.
+
+    Parameters
+    ----------
+    labels : ndarray of shape (n_images,)
+        Groups from 0, none of them empty; -1 for images of none.
+    n_parts : int
+
+    Returns
+    -------
+    ndarray of shape (n_images,)
+        The part of each image; -1 where it is of no group.
+
+    Examples
+    --------
+    >>> deal_groups(np.array([0, 0, 0, 1, 2, -1]), 2)
+    array([ 0,  0,  0,  1,  1, -1])
+    """
+    sizes = np.bincount(labels[labels >= 0])
+    dealt, filled = np.empty(len(sizes) + 1, dtype=np.intp), np.zeros(n_parts)
+    for group in np.argsort(-sizes, kind="stable"):
+        dealt[group] = np.argmin(filled)
+        filled[dealt[group]] += sizes[group]
+    dealt[-1] = -1
+    return dealt[labels]
+
+
 def _members(labels: NDArray[Any]) -> list[Indices]:
     """The images of each group, groups in the order of their first images."""
     kept = np.flatnonzero(~(labels < 0)) if labels.dtype.kind == "i" else np.arange(len(labels))

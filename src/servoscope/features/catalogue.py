@@ -5,12 +5,13 @@ A further family needs one line in `FAMILIES`, or an entry point ``servoscope.fe
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
-from servoscope.errors import InvalidInputError
+from servoscope.errors import InvalidInputError, PluginError, ServoscopeWarning
 from servoscope.features.cell_moments import GradientMoments, IntensityMoments
 from servoscope.features.eigenfeatures import Eigenfeatures
 from servoscope.features.fixed_projection import (
@@ -113,8 +114,21 @@ measurement, and Tchebichef moments (docs/features.md)."""
 
 
 def default_families() -> list[str]:
-    """Names of the built-in families that an assessment computes by default."""
-    return [name for name, family in FAMILIES.built_in.items() if family.is_default]
+    """Names of the families that an assessment computes by default, plug-ins among them.
+
+    Warns
+    -----
+    ServoscopeWarning
+        If a plug-in cannot be loaded, which is then left out.
+    """
+    names = [name for name, family in FAMILIES.built_in.items() if family.is_default]
+    for name in FAMILIES:
+        if name not in FAMILIES.built_in:
+            try:
+                names += [name] * FAMILIES[name].is_default
+            except PluginError as error:
+                warnings.warn(f"Left out: {error}", ServoscopeWarning, stacklevel=2)
+    return names
 
 
 def resolve_families(families: Sequence[Any]) -> dict[str, Family]:

@@ -1,6 +1,7 @@
 from .feature_table import FeatureTable as FeatureTable
 from .forecasts import Candidate as Candidate
 from .forecasts import choose as choose
+from .forecasts import find_candidates as find_candidates
 from .forecasts import forecast as forecast
 from .forecasts import forecast_all as forecast_all
 from .forecasts import shortlist as shortlist

@@ -110,6 +110,7 @@ class FeatureTable:
         *,
         groups: Indices | None = None,
         n_folds: int = 0,
+        known: FeatureTable | None = None,
         n_jobs: int | None = -1,
         on_progress: Callable[[int], object] | None = None,
     ) -> FeatureTable:
@@ -129,6 +130,9 @@ class FeatureTable:
             Images that belong together are in one part of the folds.
         n_folds : int
             Parts for a forecast of learned features.
+        known : FeatureTable, optional
+            Of the same images and displacements: what it has need not be computed again, unless
+            it was fitted to others than those in `learn`.
         n_jobs : int, optional
             Processes, as joblib counts them.
         on_progress : callable, optional
@@ -139,20 +143,26 @@ class FeatureTable:
         InvalidInputError
             If a family is unknown, or none of them can be had.
         """
-        known = resolve_families(families)
+        resolved = resolve_families(families)
         learn = np.arange(len(images)) if learn is None else np.asarray(learn, dtype=np.intp)
         groups = None if groups is None else groups[learn]
         parts = cut_folds(targets[learn], groups, n_folds) if n_folds else []
-        refitted = _refitted_together(known) if parts else []
+        refitted = _refitted_together(resolved) if parts else []
+        there = {} if known is None else known._usable(resolved, learn)
         calls: list[tuple[Any, ...]]
         calls = [(images, targets, learn, together, parts) for together in refitted]
-        calls += [(images, targets, learn, {name: family}, None) for name, family in known.items()]
+        calls += [
+            (images, targets, learn, {name: family}, None)
+            for name, family in resolved.items()
+            if name not in there
+        ]
         found: list[Any] = []
         for one in in_processes(_compute, calls, n_jobs, batch_size=1):
             found.append(one)
             if on_progress is not None:
                 on_progress(len(found))
-        computed = {name: one for of in found[len(refitted) :] for name, one in of.items()}
+        computed = there | {name: one for of in found[len(refitted) :] for name, one in of.items()}
+        computed = {name: computed[name] for name in resolved}
         again = {name: one for of in found[: len(refitted)] for name, one in of.items()}
         table = _joined(computed, again, learn, parts)
         if table is None:
@@ -171,6 +181,17 @@ class FeatureTable:
     def has(self, features: str) -> bool:
         """Whether all of some families joined by ``+`` are in it."""
         return set(features.split("+")) <= set(self.families)
+
+    def _usable(
+        self, families: Mapping[str, Family], learn: Indices
+    ) -> dict[str, tuple[Array, FittedFamily]]:
+        """Features by family that are as good for images to learn from as they are."""
+        is_same = np.array_equal(self.learn, learn)
+        return {
+            name: (self.values[:, [one == name for one in self.families]], self.fitted[name])
+            for name, family in families.items()
+            if name in self.fitted and (is_same or not family.is_learned)
+        }
 
     def is_learned(self, recipe: Recipe) -> bool:
         """Whether any of a recipe's features are fitted to images."""

@@ -16,6 +16,7 @@ from servoscope.poses import DOFS
 from servoscope.processes import in_processes
 from servoscope.selection import Forecast, forecast_errors, forecast_from_folds
 from servoscope.selection.crossfit import Fold
+from servoscope.selection.rms_interval import root_mean_square
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -127,6 +128,38 @@ def forecast_all(
     return [found[number] for number in range(len(jobs))]
 
 
+def find_candidates(
+    table: FeatureTable,
+    targets: Array,
+    groups: Indices | None,
+    recipes: Sequence[Recipe],
+    moving: Sequence[str],
+    **options: Any,
+) -> dict[str, Candidate]:
+    """Recipes by name, each with a quick forecast of some degrees of freedom.
+
+    Parameters
+    ----------
+    table, targets, groups
+        As of `forecast`.
+    recipes : sequence of Recipe
+        Those whose features the table does not have are left out.
+    moving : sequence of str
+        The degrees of freedom.
+    **options
+        Of `forecast_all`.
+    """
+    known = [recipe for recipe in recipes if table.has(recipe.name)]
+    jobs = [(recipe, dof) for recipe in known for dof in moving]
+    found = iter(forecast_all(table, targets, groups, jobs, **options))
+    return {
+        recipe.name: Candidate(
+            recipe, len(table.columns(recipe)), {dof: next(found) for dof in moving}
+        )
+        for recipe in known
+    }
+
+
 def shortlist(candidates: Mapping[str, Candidate], n_best: int = 2) -> list[tuple[str, str]]:
     """The candidates that may be the best of a dof, by their quick forecasts, with that dof."""
     found = []
@@ -137,13 +170,15 @@ def shortlist(candidates: Mapping[str, Candidate], n_best: int = 2) -> list[tupl
     return found
 
 
-def choose(candidates: Mapping[str, Candidate]) -> dict[str, str]:
+def choose(candidates: Mapping[str, Candidate], among: Indices | None = None) -> dict[str, str]:
     """For every dof the candidate of fewest features that is hardly behind the best forecast.
 
     Parameters
     ----------
     candidates : dict of Candidate
         Those that have a forecast of a dof may be chosen for it.
+    among : ndarray, optional
+        Of the images learned from, those whose residuals count; all by default.
 
     Returns
     -------
@@ -151,9 +186,10 @@ def choose(candidates: Mapping[str, Candidate]) -> dict[str, str]:
         Name of a candidate by dof.
     """
     chosen = {}
+    counted = slice(None) if among is None else among
     for dof in _dofs_of(candidates):
         rms = {
-            name: float(one.forecasts[dof].rms[0])
+            name: float(root_mean_square(one.forecasts[dof].residuals[counted])[0])
             for name, one in candidates.items()
             if dof in one.forecasts
         }

@@ -18,13 +18,12 @@ from servoscope.errors import DataSetError, InvalidInputError, ServoscopeWarning
 from servoscope.features.catalogue import default_families, resolve_families
 from servoscope.keyframe.fitting import evenly_spread
 from servoscope.pipeline import (
-    Candidate,
     FeatureTable,
     PosePipeline,
     Recipe,
     choose,
+    find_candidates,
     fit_all,
-    forecast_all,
 )
 from servoscope.pipeline.feature_table import N_FOLDS
 from servoscope.poses import DISPLAY_FACTORS, DOFS, poses_from_displacements
@@ -198,27 +197,21 @@ class FeatureModel(PositioningModel):
         dofs, labels = data.dofs, independence.labels
         ranges = data.ranges()[mask_of(dofs)]
         targets = data.delta_p()[:, mask_of(dofs)] / ranges
-        is_grouped = len(np.unique(labels[split.learned])) < len(split.learned)
-        groups = labels if is_grouped else None
+        groups = independence.dependent(split.learned)
         options: dict[str, Any] = {"n_jobs": n_jobs}
         table = FeatureTable.fit(
             data.images, targets, tried, split.learned, groups=groups, n_folds=N_FOLDS, **options
         )
         tell(1)
-        recipes = {name: Recipe(name, regressor=regressor) for name in table.fitted}
-        jobs = [(recipe, dof) for recipe in recipes.values() for dof in dofs]
-        found = iter(forecast_all(table, targets, groups, jobs, dofs=dofs, **options))
-        candidates = {
-            name: Candidate(recipe, len(table.columns(recipe)), {dof: next(found) for dof in dofs})
-            for name, recipe in recipes.items()
-        }
+        recipes = [Recipe(name, regressor=regressor) for name in table.fitted]
+        candidates = find_candidates(table, targets, groups, recipes, dofs, dofs=dofs, **options)
         choice = choose(candidates)
         tell(2)
         fitted = fit_all(
             table,
             targets,
             split,
-            [(recipes[choice[dof]], dof) for dof in dofs],
+            [(candidates[choice[dof]].recipe, dof) for dof in dofs],
             dofs=dofs,
             seed=seed,
             **options,
@@ -231,13 +224,18 @@ class FeatureModel(PositioningModel):
         pipeline = PosePipeline.from_fitted(
             table, fitted, ranges, split, sample, forecast=rms, pivot=float(data.pivot)
         )
-        model = cls.of_pipeline(pipeline, data, labels)
+        is_taken = [family in pipeline.fitted_ for family in table.families]
+        model = cls.of_pipeline(pipeline, data, labels, table.values[:, is_taken])
         tell(3)
         return model
 
     @classmethod
     def of_pipeline(
-        cls, pipeline: PosePipeline, data: PoseImageSet, groups: NDArray[np.intp]
+        cls,
+        pipeline: PosePipeline,
+        data: PoseImageSet,
+        groups: NDArray[np.intp],
+        features: Array | None = None,
     ) -> FeatureModel:
         """A model of a pipeline, measured on the test images of its split.
 
@@ -248,10 +246,15 @@ class FeatureModel(PositioningModel):
         data : PoseImageSet
         groups : ndarray of shape (n_images,)
             Images of a group are not independent of each other.
+        features : ndarray of shape (n_images, n_features), optional
+            Of the images, as the pipeline computes them, where they are known.
         """
         split, dofs = pipeline.split_, tuple(pipeline.regressors_)
         is_read = mask_of(dofs)
-        X = pipeline.compute_features(data.images[split.test])
+        learned, X = (
+            pipeline.compute_features(data.images[part]) if features is None else features[part]
+            for part in (split.learned, split.test)
+        )
         means, std = pipeline.predict_from(X)
         truth = data.delta_p()[split.test]
         errors = means - truth[:, is_read]
@@ -261,7 +264,7 @@ class FeatureModel(PositioningModel):
         F = np.concatenate([pipeline.compute_features(images) for images in _turned(shown)])
         expected = ExpectedFeatures.fit(
             data.delta_p()[np.ix_(split.learned, is_read)] / reach[is_read],
-            pipeline.compute_features(data.images[split.learned]),
+            learned,
             (means / reach[is_read], X),
             (pipeline.predict_from(F)[0] / reach[is_read], F),
         )

@@ -32,6 +32,11 @@ TEST_ERROR = 1.5
 samples, and for the training set, times the square root of the number of samples; as it was found
 on simulated images (``python -m benchmarks intervals``)."""
 
+POOLED_ERROR = 1.2
+"""The same where the samples themselves are tested as well, each by a model that was trained
+without its group, times the root of the number of groups: a group may be predicted better or worse
+from other groups than it was."""
+
 MOST_PARTS = 5
 """Parts into which the samples are cut at most, so that kernels are chosen on all but one."""
 
@@ -65,31 +70,39 @@ class Forecast:
         left = np.divide(self.rms, self.baseline, out=np.ones_like(self.rms), where=self.rms > 0)
         return np.clip(1.0 - left**2, 0.0, 1.0)
 
-    def interval_of_test(self, groups: Groups, test_groups: Groups, coverage: float = 0.9) -> Array:
+    def interval_of_test(
+        self, groups: Groups, tested: Groups, coverage: float = 0.9, *, share_new: float = 1.0
+    ) -> Array:
         """Interval for the RMS errors that a test on images of other groups will measure.
 
         Parameters
         ----------
         groups : ndarray of shape (n_samples,)
             Groups of the samples that are independent of each other; each its own if they all are.
-        test_groups : ndarray of shape (n_test,)
-            Those of the test images.
+        tested : ndarray of shape (n_tested,)
+            Those of the test images that are of other groups.
         coverage : float
             How often it shall hold what is measured.
+        share_new : float
+            Share that these are of all test images; the others are the samples themselves, each
+            predicted by a model that was trained without its group.
 
         Returns
         -------
         ndarray of shape (2, n_targets)
             Lower and upper end; see `servoscope.selection.rms_interval.rms_ratio_interval`. The
             training set and the kernel being these and no others count as an error of
-            ``1.5 / sqrt(n_samples)``.
+            ``1.5 / sqrt(n_samples)``, joined with one of ``1.2 / sqrt(n_groups)`` where the samples
+            themselves are tested as well.
         """
+        pooled = POOLED_ERROR * effective_groups(groups) ** -0.5 if share_new < 1 else 0.0
         return self.rms * rms_ratio_interval(
             self.residuals,
             groups,
-            effective_groups(test_groups),
+            effective_groups(tested),
             coverage=coverage,
-            other_error=TEST_ERROR * len(self.residuals) ** -0.5,
+            other_error=float(np.hypot(TEST_ERROR * len(self.residuals) ** -0.5, pooled)),
+            share_new=share_new,
         )
 
     def of(self, target: int) -> Forecast:

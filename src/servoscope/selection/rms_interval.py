@@ -104,6 +104,7 @@ def rms_ratio_interval(
     n_known: float | None = None,
     coverage: float = 0.9,
     other_error: float = 0.0,
+    share_new: float = 1.0,
 ) -> Array:
     """Interval for the RMS of some groups of residuals, as a multiple of that of other groups.
 
@@ -124,6 +125,9 @@ def rms_ratio_interval(
         How often the interval shall hold the ratio.
     other_error : float
         As of `rms_interval`.
+    share_new : float
+        Share of the residuals of the one RMS that are of new groups; the others are of the known
+        groups, from 0 to 1.
 
     Returns
     -------
@@ -156,6 +160,8 @@ def rms_ratio_interval(
     scales = np.sqrt((n_units - 1) / rng.chisquare(n_units - 1, _N_DRAWS))
     spreads = np.sqrt(variances) * scales[:, None]
     new, old = (_log_means(spreads, n * share, rng) for n in (n_new, known))
+    if share_new < 1:
+        new = np.logaddexp(new + np.log(max(share_new, 1e-12)), old + np.log1p(-share_new))
     tail = (1 - coverage) / 2
     low, high = np.quantile((new - old) / 2, (tail, 1 - tail), axis=0)
     other = norm.isf(tail) * other_error
