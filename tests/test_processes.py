@@ -4,7 +4,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +102,36 @@ def test_what_a_group_shares_is_removed_by_the_next_once_it_was_killed(
 def test_a_killed_process_is_one_sentence_and_others_can_be_started():
     with pytest.raises(ProcessesError, match=r"was killed, .*--jobs 1, a run with --resume\.$"):
         list(in_processes(end_process, [(i == 3,) for i in range(8)], n_jobs=2))
+    assert os.getpid() not in in_processes(end_process, [(False,)] * 4, n_jobs=2)
+
+
+def end_while_sending(ends: bool) -> bytes:
+    """A result of which only a part is sent."""
+
+    def send_a_part(connection: Connection, message: bytes) -> None:
+        os.write(connection.fileno(), bytes(message[: len(message) // 2]))
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    if ends:
+        Connection._send = send_a_part
+    return bytes(1000)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there a message is sent whole, or not at all")
+def test_a_process_killed_while_it_sends_is_the_same_sentence_and_not_waited_for():
+    raised = []
+
+    def call() -> None:
+        try:
+            list(in_processes(end_while_sending, [(i == 3,) for i in range(8)], n_jobs=2))
+        except ProcessesError as error:
+            raised.append(str(error))
+
+    caller = threading.Thread(target=call, daemon=True)
+    caller.start()
+    caller.join(30)
+    assert not caller.is_alive(), "it still waits after 30 s"
+    assert "A process was killed" in raised[0]
     assert os.getpid() not in in_processes(end_process, [(False,)] * 4, n_jobs=2)
 
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import cache
+from multiprocessing.connection import wait
 from typing import Any
 
 from threadpoolctl import ThreadpoolController
@@ -25,7 +26,8 @@ with warnings.catch_warnings():
     import joblib
 
 WATCH_INTERVAL = 0.5
-"""How often a process looks whether the one that started it is still there, [s]."""
+"""How often a process looks whether the one that started it is still there, and that one whether
+its processes are, [s]."""
 
 
 def in_processes(
@@ -75,7 +77,7 @@ def in_processes(
         options |= {"return_as": "generator", "temp_folder": _start_processes(n_processes, options)}
         parallel = joblib.Parallel(**options)
         results = parallel(joblib.delayed(function)(*call) for call in calls)
-    return _with_failures_reported(results)
+    return _watched(results)
 
 
 def stop_processes() -> None:
@@ -155,9 +157,37 @@ def _start_processes(n_processes: int, options: dict[str, Any]) -> str:
         ) from error
 
 
-def _with_failures_reported(results: Iterator[Any]) -> Iterator[Any]:
-    with _failures_reported():
-        yield from results
+def _watched(results: Iterator[Any]) -> Iterator[Any]:
+    """The results, while it is seen to that one killed process ends them all.
+
+    joblib sees to that itself, but not while it reads a result: one of which a process had sent a
+    part when it was killed would be waited for without end, and the others could send none.
+    """
+    from joblib.externals.loky import get_reusable_executor
+
+    over = threading.Event()
+    watch = threading.Thread(
+        target=_end_when_one_did, args=(get_reusable_executor(reuse=True), over), daemon=True
+    )
+    watch.start()
+    try:
+        with _failures_reported():
+            yield from results
+    finally:
+        over.set()
+
+
+def _end_when_one_did(executor: Any, over: threading.Event) -> None:
+    """Kill all processes of joblib's where one stays among them that has ended."""
+    had_ended: set[Any] = set()
+    while not over.wait(WATCH_INTERVAL):
+        sentinels = [process.sentinel for process in list(executor._processes.values())]
+        ended = set(wait(sentinels, timeout=0))
+        if ended & had_ended:
+            executor._executor_manager_thread.kill_workers()
+            executor._result_queue._writer.close()  # the last end of the pipe: reading it ends
+            return
+        had_ended = ended
 
 
 @contextmanager
@@ -168,7 +198,8 @@ def _failures_reported() -> Iterator[None]:
     except BrokenProcessPool as error:
         from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-        if not isinstance(error, TerminatedWorkerError):
+        is_cut_short = "end of file during message" in str(error.__cause__)
+        if not (isinstance(error, TerminatedWorkerError) or is_cut_short):
             raise ProcessesError(
                 f"Processes failed ({one_line(error).rstrip('.')}); repeat with --jobs 1."
             ) from error
