@@ -31,8 +31,8 @@ from servoscope.selection import (
     information_test,
     redundancy_bias,
 )
-from servoscope.study.config import N_EIGENVECTORS
-from servoscope.study.feature_tables import CANDIDATES, compute_feature_table
+from servoscope.study.information import CANDIDATES, compute_feature_table
+from servoscope.study.paper import N_EIGENVECTORS
 
 COUNTS = (1, 2, 4, 8, 16, 24)
 RESTARTS = 3

@@ -12,7 +12,7 @@ from servoscope.data.splits import Split
 from servoscope.features.catalogue import FAMILIES
 from servoscope.features.image_transformer import ImageTransformer
 from servoscope.scene.disturbances import SINGLE_DISTURBANCES, Disturbances
-from servoscope.study.feature_tables import lfa_window
+from servoscope.study.information import lfa_window
 
 N_SELECTED = 24
 N_COPIES = 3

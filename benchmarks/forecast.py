@@ -34,7 +34,7 @@ from servoscope.poses import DISPLACEMENTS
 from servoscope.processes import in_processes
 from servoscope.selection import MutualInfoSelector, forecast_from_folds, refit_features
 from servoscope.selection.rms_interval import rms_interval
-from servoscope.study.feature_tables import CANDIDATES, lfa_window, study_table
+from servoscope.study.information import CANDIDATES, lfa_window, study_table
 from servoscope.study.paper import FAMILIES as PAPER_FAMILIES
 
 N_BLOCKS = 20

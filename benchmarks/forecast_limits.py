@@ -23,7 +23,7 @@ from benchmarks.tables import Findings, as_markdown
 from servoscope.data.independence import split_data
 from servoscope.poses import DISPLACEMENTS
 from servoscope.processes import in_processes
-from servoscope.study.feature_tables import study_table
+from servoscope.study.information import study_table
 
 LEARNT = ("gm", "pca", "first 65")
 """Features whose learning curves are tried."""

@@ -18,6 +18,7 @@ from servoscope import AcquisitionConfig, Keyframe, acquire
 from servoscope.acquisition import take_image
 from servoscope.acquisition_until import FIRST, N_GROUPS, NEXT, acquire_until
 from servoscope.data.images import PoseImageSet
+from servoscope.dofs import parse_accuracy
 from servoscope.keyframe import forecast_accuracy, next_displacements, read_held_out
 from servoscope.poses import (
     DISPLAY_FACTORS,
@@ -27,7 +28,6 @@ from servoscope.poses import (
 )
 from servoscope.scene.render import render
 from servoscope.scene.scene import T_WORLD_REF, Scene
-from servoscope.tolerances import parse_accuracy
 
 POSE_NOISE = (5e-5, np.radians(0.01))
 SIZES = (FIRST, FIRST + NEXT)

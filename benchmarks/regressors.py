@@ -21,9 +21,8 @@ from servoscope.data.independence import split_data
 from servoscope.features import compute_image_basis
 from servoscope.pipeline import Fitted
 from servoscope.poses import DISPLACEMENTS
-from servoscope.study.config import N_EIGENVECTORS
-from servoscope.study.feature_tables import CANDIDATES, compute_feature_table
-from servoscope.study.paper import FAMILIES
+from servoscope.study.information import CANDIDATES, compute_feature_table
+from servoscope.study.paper import FAMILIES, N_EIGENVECTORS
 
 FEATURES = {
     "24 moments": FAMILIES["gm"].recipe,

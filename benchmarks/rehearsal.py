@@ -18,7 +18,7 @@ from servoscope import AcquisitionConfig, acquire
 from servoscope.positioning import train
 from servoscope.processes import one_blas_thread
 from servoscope.rehearsal import Rehearsal
-from servoscope.rehearsal.summary import summarise_rehearsal
+from servoscope.rehearsal.run import summarise_rehearsal
 from servoscope.scoreboard.cell import robot_at_reference, robot_in_cell
 from servoscope.scoreboard.conditions import CONDITIONS, SCENES
 from servoscope.scoreboard.methods import loop_settings

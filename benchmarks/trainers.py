@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares, minimize
 
-from servoscope.regression.levenberg_marquardt import levenberg_marquardt
-from servoscope.regression.normal_equations import normal_equations
+from servoscope.regression.levenberg_marquardt import levenberg_marquardt, normal_equations
 from servoscope.regression.tanh_network import (
     activate,
     append_ones,

@@ -59,7 +59,7 @@ def replace_learners(patch: pytest.MonkeyPatch) -> None:
     """Put stand-ins in the place of the methods that learn."""
     patch.setitem(LEARNERS, "ours", FullStep.train)
     patch.setitem(LEARNERS, "networks", Nearest.train)
-    patch.setattr("servoscope.scoreboard.factory.PositioningModel", Nearest)
+    patch.setattr("servoscope.scoreboard.plan.PositioningModel", Nearest)
 
 
 class Oracle:

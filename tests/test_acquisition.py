@@ -13,7 +13,7 @@ from servoscope.data import folder as dataset_folder
 from servoscope.data.folder import Progress, write_progress
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import FolderExistsError, InvalidInputError
-from servoscope.files import write_json
+from servoscope.storage.folders import write_json
 
 CONFIG = AcquisitionConfig(n_images=60, image_size=16, seed=3)
 

@@ -19,6 +19,7 @@ from servoscope.acquisition_until import (
 from servoscope.cli import main
 from servoscope.data.folder import KEPT_IMAGES, Progress, keep_image, write_progress
 from servoscope.data.images import PoseImageSet
+from servoscope.dofs import RequestedAccuracy, parse_accuracy
 from servoscope.errors import FolderExistsError, InvalidInputError
 from servoscope.keyframe import Keyframe, next_displacements
 from servoscope.poses import (
@@ -26,7 +27,6 @@ from servoscope.poses import (
     inverse_transform,
     poses_from_displacements,
 )
-from servoscope.tolerances import RequestedAccuracy, parse_accuracy
 
 PIVOT = 0.1
 RANGES = np.array([0.02] * 3 + [np.radians(8)] * 3)

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from servoscope.files import write_arrays, write_atomically, write_json, write_text
+from servoscope.storage.folders import write_arrays, write_atomically, write_json, write_text
 
 
 def test_text_is_written_as_utf8(tmp_path):

@@ -14,7 +14,7 @@ import pytest
 
 from servoscope.errors import ProcessesError
 from servoscope.processes import in_processes
-from servoscope.storage.shared_folder import SHARED_MEMORY, remove_abandoned
+from servoscope.storage.folders import SHARED_MEMORY, remove_abandoned
 
 OWNER = """
 import os, sys, time

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from servoscope.dofs import parse_tolerances
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DOFS
-from servoscope.tolerances import parse_tolerances
 
 
 def test_units_are_brought_to_mm_and_degrees():

@@ -24,6 +24,7 @@ from servoscope.data.folder import (
     write_progress,
 )
 from servoscope.data.images import PoseImageSet
+from servoscope.dofs import RequestedAccuracy
 from servoscope.errors import DataSetError, FolderExistsError
 from servoscope.keyframe import (
     AccuracyForecast,
@@ -35,7 +36,6 @@ from servoscope.keyframe import (
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS, displacements_from_poses
 from servoscope.processes import in_processes
 from servoscope.storage.stacks import create_stack
-from servoscope.tolerances import RequestedAccuracy
 
 Array = NDArray[np.float64]
 Images = NDArray[np.uint8]

@@ -20,11 +20,10 @@ from tyro.conf import FlagCreatePairsOff
 from tyro.extras import SubcommandApp
 
 from servoscope import __version__
-from servoscope.commands.output import print_message
-from servoscope.commands.streams import discard_unwritten, prepare_streams
+from servoscope.commands.output import discard_unwritten, prepare_streams, print_message
 from servoscope.errors import ServoscopeError
 from servoscope.processes import stop_processes
-from servoscope.storage.shared_folder import remove_abandoned
+from servoscope.storage.folders import remove_abandoned
 from servoscope.wording import one_line, printable
 
 DESCRIPTION = """Vision-based robot positioning: which image features inform which degree of
@@ -125,9 +124,8 @@ def _app() -> SubcommandApp:
     from servoscope.commands.info import info
     from servoscope.commands.position import position
     from servoscope.commands.rehearse import rehearse
-    from servoscope.commands.report import report
     from servoscope.commands.sensitivity import sensitivity
-    from servoscope.commands.study import study
+    from servoscope.commands.study import report, study
     from servoscope.commands.train import train
 
     app, formats, benchmarks = SubcommandApp(), SubcommandApp(), SubcommandApp()

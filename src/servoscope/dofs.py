@@ -1,14 +1,17 @@
-"""Sets of degrees of freedom: how they are written, and which ones a data set moves in."""
+"""Degrees of freedom: how sets of them and tolerances are written, and which a set moves in."""
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import InvalidInputError
-from servoscope.poses import DOFS
+from servoscope.poses import DISPLAY_UNITS, DOFS
 
 Array = NDArray[np.float64]
 
@@ -97,3 +100,133 @@ def moving_dofs(delta_p: Array, pivot: float) -> tuple[str, ...]:
     moves = (std > noise) | (carried > HARDLY_MOVES * carried.max()) | (len(delta_p) < LEAST_JUDGED)
     moves &= np.ptp(delta_p, axis=0) > _ROUNDING
     return tuple(dof for dof, is_moved in zip(DOFS, moves, strict=True) if is_moved)
+
+
+_PART = re.compile(r"\s*(\w+)\s*=\s*([-+.\deE]+?)\s*(mm|um|m|deg|mrad|rad)\s*")
+
+_FACTORS = {
+    "mm": {"mm": 1.0, "um": 1e-3, "m": 1e3},
+    "deg": {"deg": 1.0, "rad": float(np.degrees(1.0)), "mrad": 1e-3 * float(np.degrees(1.0))},
+}
+
+
+@dataclass(frozen=True)
+class RequestedAccuracy:
+    """Largest median errors that are wanted.
+
+    Parameters
+    ----------
+    translation, rotation : float
+        Of each translation, [m], and of each rotation, [rad].
+
+    Raises
+    ------
+    InvalidInputError
+        If they are not positive.
+    """
+
+    translation: float
+    rotation: float
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (math.isfinite(value) and value > 0):
+                raise InvalidInputError(f"{name} must be a positive accuracy, got {value}.")
+
+    @property
+    def by_dof(self) -> NDArray[np.float64]:
+        """Shape (6,), [m] and [rad], in `DOFS` order."""
+        return np.repeat([self.translation, self.rotation], 3)
+
+    def __str__(self) -> str:
+        return f"t={1e3 * self.translation:.6g}mm,r={math.degrees(self.rotation):.6g}deg"
+
+
+def parse_tolerances(text: str, dofs: Iterable[str] = DOFS) -> dict[str, float]:
+    """Tolerances by dof, [mm] and [deg].
+
+    Parameters
+    ----------
+    text : str
+        Such as ``tx=0.5mm,rz=0.1deg``; ``t`` and ``r`` stand for all three of a kind. Units are
+        mm, um and m, or deg, rad and mrad. Empty for none.
+    dofs : iterable of str
+        That there are: ``t`` and ``r`` stand for these alone.
+
+    Returns
+    -------
+    dict of str to float
+        In `DOFS` order.
+
+    Raises
+    ------
+    InvalidInputError
+        If a part is no tolerance, its unit is of the other kind, it is not positive, or a dof is
+        named twice or is none of those there are.
+
+    Examples
+    --------
+    >>> parse_tolerances("rz=0.1deg, tx=500um")
+    {'tx': 0.5, 'rz': 0.1}
+    >>> parse_tolerances("t=1mm")
+    {'tx': 1.0, 'ty': 1.0, 'tz': 1.0}
+    """
+    tolerances: dict[str, float] = {}
+    for part in filter(str.strip, text.split(",")):
+        name, value, unit = _read(part)
+        named = [dof for dof in dofs if name in (dof, dof[0])]
+        if not named:
+            raise InvalidInputError(
+                f"A tolerance must be of a dof that there is, {', '.join(dofs)}, got "
+                f"{part.strip()!r}; leave it out."
+            )
+        for dof in named:
+            if dof in tolerances:
+                raise InvalidInputError(f"{dof} is named twice in {text!r}; name it once.")
+            tolerances[dof] = value * _factor(part, dof, unit)
+    return {dof: tolerances[dof] for dof in DOFS if dof in tolerances}
+
+
+def _read(part: str) -> tuple[str, float, str]:
+    match = _PART.fullmatch(part)
+    try:
+        name, number, unit = match.groups() if match else ("", "", "")
+        value = float(number)
+    except ValueError:
+        value = np.nan
+    if not 0 < value < np.inf or name not in {*DOFS, "t", "r"}:
+        raise InvalidInputError(
+            f"A tolerance is written like tx=0.5mm or rz=0.1deg, with one of "
+            f"{', '.join(DOFS)} and a positive number, got {part.strip()!r}."
+        )
+    return name, value, unit
+
+
+def _factor(part: str, dof: str, unit: str) -> float:
+    factors = _FACTORS[DISPLAY_UNITS[DOFS.index(dof)]]
+    if unit not in factors:
+        raise InvalidInputError(
+            f"The tolerance of {dof} is in {' or '.join(factors)}, got {part.strip()!r}."
+        )
+    return factors[unit]
+
+
+def parse_accuracy(text: str) -> RequestedAccuracy:
+    """One accuracy for all translations and one for all rotations, both named.
+
+    Raises
+    ------
+    InvalidInputError
+        If the text cannot be read, or does not name both ``t`` and ``r``.
+
+    Examples
+    --------
+    >>> str(parse_accuracy("r=0.02deg, t=0.0001m"))
+    't=0.1mm,r=0.02deg'
+    """
+    values = list(parse_tolerances(text).values())
+    if len(values) != len(DOFS) or len(set(values[:3])) > 1 or len(set(values[3:])) > 1:
+        raise InvalidInputError(
+            f"An accuracy names both t and r, such as t=0.1mm,r=0.02deg; got {text!r}."
+        )
+    return RequestedAccuracy(values[0] / 1e3, math.radians(values[-1]))

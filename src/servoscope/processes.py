@@ -1,4 +1,4 @@
-"""Calls shared among processes, and BLAS kept to one thread."""
+"""Calls shared among processes, how far they are, and BLAS kept to one thread."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
 from multiprocessing.connection import wait
 from typing import Any
@@ -18,8 +18,20 @@ from typing import Any
 from threadpoolctl import ThreadpoolController
 
 from servoscope.errors import ProcessesError, ServoscopeWarning
-from servoscope.storage.shared_folder import shared_folder
+from servoscope.storage.folders import shared_folder
 from servoscope.wording import one_line
+
+Advance = Callable[[int], object]
+"""Called with the number of items that are finished."""
+
+ProgressBar = Callable[[str, int | None], AbstractContextManager[Advance]]
+"""Opens a progress bar, given what is done and how many items that has; yields an `Advance`."""
+
+
+def no_progress(description: str, total: int | None) -> AbstractContextManager[Advance]:
+    """A progress bar that nobody sees."""
+    return nullcontext(lambda n_done: None)
+
 
 with warnings.catch_warnings():
     warnings.filterwarnings("ignore", message=".*joblib will operate in serial mode")

@@ -12,7 +12,7 @@ from servoscope.assessment.rendered import _render, _spread, sample_images
 from servoscope.data.independence import independent_groups, split_groups
 from servoscope.errors import InvalidInputError
 from servoscope.poses import poses_from_displacements
-from servoscope.progress import no_progress
+from servoscope.processes import no_progress
 from servoscope.selection import forecast_errors
 
 N_RENDERED = 128

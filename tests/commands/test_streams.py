@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from servoscope.cli import main
-from servoscope.commands.output import console, print_facts, print_json
-from servoscope.commands.progress import progress_bar
+from servoscope.commands.output import console, print_facts, print_json, progress_bar
 from servoscope.data.images import PoseImageSet
 
 ENCODINGS = ("cp932", "cp437", "latin-1", "ascii", "utf-8")

@@ -15,7 +15,7 @@ from servoscope.kernels import (
     inverse_covariance,
     leave_out_residuals,
 )
-from servoscope.kernels.marginal_likelihood import PRIOR_PRECISION, negative_log_likelihood
+from servoscope.kernels.gaussian import PRIOR_PRECISION, negative_log_likelihood
 
 
 @pytest.fixture

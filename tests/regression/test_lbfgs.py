@@ -6,8 +6,8 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from servoscope.errors import InvalidInputError
 from servoscope.regression import LBFGSRegressor
-from servoscope.regression.lbfgs import LBFGSSettings, lbfgs
 from servoscope.regression.tanh_network import Objective, append_ones, evaluate, initial_weights
+from servoscope.regression.training import LBFGSSettings, lbfgs
 
 
 @parametrize_with_checks([LBFGSRegressor(hidden=5, restarts=1, max_iter=100)])

@@ -6,8 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import approx_fprime, least_squares
 
-from servoscope.regression.levenberg_marquardt import LMSettings, levenberg_marquardt
-from servoscope.regression.normal_equations import DualEquations, PrimalEquations
+from servoscope.regression.levenberg_marquardt import (
+    DualEquations,
+    LMSettings,
+    PrimalEquations,
+    levenberg_marquardt,
+)
 from servoscope.regression.tanh_network import append_ones, evaluate, initial_weights
 
 TO_CONVERGENCE = LMSettings(max_iter=1000, damping=1.0, tol=1e-13)

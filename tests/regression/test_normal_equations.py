@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servoscope.regression.normal_equations import (
+from servoscope.regression.levenberg_marquardt import (
     DualEquations,
     PrimalEquations,
     normal_equations,

@@ -12,8 +12,7 @@ from servoscope.poses import displacements_from_poses, inverse_transform, rigid_
 from servoscope.rehearsal import OwnErrors, Rehearsal, TrueView
 from servoscope.rehearsal.page import rehearsal_table
 from servoscope.rehearsal.rendered_cell import cell_at_reference, cell_at_start
-from servoscope.rehearsal.run import REHEARSED, as_keyframe_model
-from servoscope.rehearsal.summary import summarise_rehearsal, verdict
+from servoscope.rehearsal.run import REHEARSED, as_keyframe_model, summarise_rehearsal, verdict
 from servoscope.scoreboard.cell import start_direction
 from servoscope.scoreboard.conditions import CONDITIONS
 from servoscope.scoreboard.trial import Trial

@@ -5,8 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from servoscope.scoreboard.summary import summarise
-from servoscope.scoreboard.targets import check_targets
+from servoscope.scoreboard.summary import check_targets, summarise
 from servoscope.scoreboard.trial import Trial
 
 REQUIRED = {

@@ -4,13 +4,13 @@ from sklearn.cross_decomposition import PLSRegression
 
 from servoscope.errors import InvalidInputError
 from servoscope.kernels import KernelPosterior, fit_kernel
-from servoscope.selection.crossfit import (
+from servoscope.selection.forecast import (
     Fold,
     crossfit_forecast,
+    forecast_errors,
     forecast_from_folds,
     refit_features,
 )
-from servoscope.selection.forecast import forecast_errors
 
 
 class Pixels:

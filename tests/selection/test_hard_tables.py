@@ -9,8 +9,7 @@ import servoscope as sv
 from servoscope.errors import InvalidInputError
 from servoscope.selection.candidates import Candidates
 from servoscope.selection.criteria import CRITERIA
-from servoscope.selection.crossfit import crossfit_forecast
-from servoscope.selection.forecast import forecast_errors
+from servoscope.selection.forecast import crossfit_forecast, forecast_errors
 from servoscope.selection.forward import forward_selection
 from servoscope.selection.learning_curves import learning_curve
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from servoscope.errors import RunFolderError
-from servoscope.files import write_arrays
 from servoscope.storage.archives import MOST_MEMBERS, read_arrays
+from servoscope.storage.folders import write_arrays
 
 
 def archive(path, members, compression=zipfile.ZIP_STORED):

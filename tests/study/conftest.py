@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from servoscope.files import write_arrays, write_json
 from servoscope.poses import DISPLAY_UNITS, DOFS
 from servoscope.selection import CRITERIA
+from servoscope.storage.folders import write_arrays, write_json
 from servoscope.storage.run_folder import VERSION, open_run_folder
 from servoscope.study.paper import TABLE1, TABLE3, table2
 

@@ -4,24 +4,22 @@ import pytest
 from servoscope.poses import DOFS
 from servoscope.selection import CRITERIA
 from servoscope.study.charts import (
+    SIGNED,
     draw_best_features,
     draw_criteria,
+    draw_eigenvectors,
     draw_redundancies,
     plot_best_feature,
     plot_criteria,
     plot_family_errors,
+    plot_locations,
     plot_redundancy,
     plot_selection_plane,
+    plot_signed,
+    plot_slices,
     plot_sweep,
 )
 from servoscope.study.figures import list_figures
-from servoscope.study.pictures import (
-    SIGNED,
-    draw_eigenvectors,
-    plot_locations,
-    plot_signed,
-    plot_slices,
-)
 from servoscope.study.results import read_run
 
 SWEEP = [

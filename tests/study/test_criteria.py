@@ -9,7 +9,7 @@ from servoscope.selection import CRITERIA, MutualInfoSelector
 from servoscope.storage.run_folder import open_run_folder
 from servoscope.study import Study, StudyConfig, criteria
 from servoscope.study.criteria import UNIT, compare_criteria
-from servoscope.study.feature_tables import CANDIDATES
+from servoscope.study.information import CANDIDATES
 from servoscope.study.networks import subset_recipe, train_nets
 
 SIZES = (2, 6)

@@ -4,7 +4,7 @@ import pytest
 from servoscope.features import GeometricMoments, compute_image_basis
 from servoscope.pipeline import FeatureTable
 from servoscope.poses import DOFS
-from servoscope.study.feature_tables import CANDIDATES, compute_feature_table
+from servoscope.study.information import CANDIDATES, compute_feature_table
 from servoscope.study.paper import FAMILIES
 
 

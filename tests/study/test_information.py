@@ -6,8 +6,7 @@ import pytest
 
 from planar import planar_data_set
 from servoscope.poses import DOFS
-from servoscope.study.feature_tables import study_table
-from servoscope.study.information import assess_features, measure_chance
+from servoscope.study.information import assess_features, measure_chance, study_table
 from servoscope.study.run import in_order_of_time
 
 N_FEATURES = 20

@@ -11,8 +11,7 @@ from servoscope.poses import DOFS
 from servoscope.regression import LMRegressor
 from servoscope.selection import ThresholdSubset
 from servoscope.study import StudyConfig
-from servoscope.study.feature_tables import study_table
-from servoscope.study.information import assess_features
+from servoscope.study.information import assess_features, study_table
 from servoscope.study.networks import (
     StudyNets,
     SweepPoint,

@@ -7,8 +7,8 @@ import pytest
 
 from servoscope.commands.run_study import print_run
 from servoscope.errors import RunFolderError
-from servoscope.files import write_json
 from servoscope.report.figure import FigureFile
+from servoscope.storage.folders import write_json
 from servoscope.study.figures import list_figures
 from servoscope.study.page import describe_command, flatten, write_report, write_run_page
 from servoscope.study.results import OF_CHANCE, list_units, read_run

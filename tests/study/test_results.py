@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from servoscope.errors import RunFolderError
-from servoscope.files import write_arrays, write_json
 from servoscope.poses import DOFS
+from servoscope.storage.folders import write_arrays, write_json
 from servoscope.study.results import OF_CHANCE, list_units, mean_rms, moving_dofs, read_run
 from servoscope.study.tables import errors_table
 

@@ -27,8 +27,7 @@ from servoscope.pipeline import (
 from servoscope.pipeline.feature_table import N_FOLDS
 from servoscope.pipeline.forecasts import THOROUGH
 from servoscope.poses import DOFS
-from servoscope.processes import one_blas_thread
-from servoscope.progress import ProgressBar, no_progress
+from servoscope.processes import ProgressBar, no_progress, one_blas_thread
 from servoscope.selection import Forecast
 from servoscope.selection.forecast import TEST_ERROR
 from servoscope.selection.rms_interval import rms_ratio_interval

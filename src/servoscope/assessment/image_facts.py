@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from servoscope.data.images import PoseImageSet
 from servoscope.data.pixel_noise import estimate_pixel_noise
-from servoscope.features.cells import shrink
+from servoscope.features.cell_moments import shrink
 
 LONGER_SIDE = 128
 """The image is made this small first, [px]."""

@@ -24,8 +24,7 @@ from servoscope.errors import InvalidInputError
 from servoscope.keyframe import Keyframe
 from servoscope.keyframe.motion import conjugate
 from servoscope.poses import inverse_transform, poses_from_displacements
-from servoscope.processes import in_processes, one_blas_thread
-from servoscope.progress import ProgressBar, no_progress
+from servoscope.processes import ProgressBar, in_processes, no_progress, one_blas_thread
 from servoscope.rehearsal.true_view import (
     WIDEST,
     Backdrop,

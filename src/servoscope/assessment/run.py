@@ -28,8 +28,7 @@ from servoscope.pipeline import (
 from servoscope.pipeline.feature_table import N_FOLDS
 from servoscope.pipeline.forecasts import QUICK
 from servoscope.poses import DOFS
-from servoscope.processes import in_processes, one_blas_thread
-from servoscope.progress import ProgressBar, no_progress
+from servoscope.processes import ProgressBar, in_processes, no_progress, one_blas_thread
 from servoscope.regression import REGRESSORS
 from servoscope.regression.registry import make_regressor
 from servoscope.selection import LearningCurve, learning_curve

@@ -25,8 +25,7 @@ from servoscope.positioning.keyframe_model import (
     read_right,
 )
 from servoscope.positioning.settings import LoopSettings
-from servoscope.processes import in_processes, one_blas_thread
-from servoscope.progress import ProgressBar, no_progress
+from servoscope.processes import ProgressBar, in_processes, no_progress, one_blas_thread
 from servoscope.rehearsal.run import Rehearsal
 from servoscope.rehearsal.true_view import reference_noise
 from servoscope.selection.rms_interval import rms_interval

@@ -68,13 +68,11 @@ def acquire(
     from servoscope.acquisition_until import FIRST, MOST_IMAGES, acquire_until
     from servoscope.commands.info import describe_data_set
     from servoscope.commands.options import n_jobs
-    from servoscope.commands.output import print_facts, print_message
-    from servoscope.commands.progress import progress_bar
+    from servoscope.commands.output import print_facts, print_message, progress_bar
     from servoscope.data.schedule import parse_schedule
-    from servoscope.dofs import parse_dofs
+    from servoscope.dofs import parse_accuracy, parse_dofs
     from servoscope.errors import InvalidInputError
     from servoscope.poses import DOFS
-    from servoscope.tolerances import parse_accuracy
 
     request = None if until is None else parse_accuracy(until)
     if request is not None:

@@ -77,14 +77,13 @@ def assess(
     from servoscope.data.checks import check_data
     from servoscope.data.images import PoseImageSet
     from servoscope.data.independence import check_enough_images, mark_sequence
-    from servoscope.dofs import parse_dofs
+    from servoscope.dofs import parse_dofs, parse_tolerances
     from servoscope.errors import InvalidInputError, ServoscopeWarning
     from servoscope.features.catalogue import parse_families
     from servoscope.poses import DOFS
     from servoscope.regression.registry import make_regressor
     from servoscope.storage.run_folder import owned_run_folder
     from servoscope.study import StudyConfig
-    from servoscope.tolerances import parse_tolerances
 
     processes = n_jobs(jobs)
     config = StudyConfig(seed=seed, protocols=protocols(protocol))

@@ -37,8 +37,7 @@ def benchmark_positioning(
     from dataclasses import asdict
 
     from servoscope.commands.options import n_jobs
-    from servoscope.commands.output import print_json
-    from servoscope.commands.progress import progress_bar
+    from servoscope.commands.output import print_json, progress_bar
     from servoscope.scoreboard.conditions import SCENES
     from servoscope.scoreboard.page import write_scoreboard
     from servoscope.scoreboard.plan import Plan

@@ -23,8 +23,7 @@ def import_command(name: str, format_: Format) -> Callable[..., None]:
         json: Json = False,
     ) -> None:
         from servoscope.commands.info import describe_data_set
-        from servoscope.commands.output import print_facts
-        from servoscope.commands.progress import progress_bar
+        from servoscope.commands.output import print_facts, progress_bar
         from servoscope.data.folder import check_free, writing
 
         with writing(out, replace=force) as place:

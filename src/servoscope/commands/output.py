@@ -1,18 +1,88 @@
-"""What commands print: data on standard output, the rest on standard error."""
+"""What commands print: data on standard output, the rest and progress bars on standard error.
+
+Standard streams take every text: closed ones, and those of an encoding that lacks much.
+"""
 
 from __future__ import annotations
 
+import codecs
 import json
+import os
 import shutil
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderableType
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.segment import Segment
 from rich.table import Table
 
 from servoscope.wording import one_line, printable
+
+_PLAIN = {
+    **dict.fromkeys("─━═╌╴╶╸╺–—", "-"),
+    **dict.fromkeys("│┃║╎", "|"),
+    **dict.fromkeys("╭╮╰╯┌┐└┘├┤┬┴┼┏┓┗┛┡┩╇┣┫┳┻╋┠┨┯┷", "+"),
+    **dict.fromkeys("•●▲□", "*"),
+    "±": "+-",
+    "°": " deg",
+    "×": "x",
+    "µ": "u",
+    "μ": "u",
+    "…": "...",
+    "→": "->",
+    "←": "<-",
+    "≤": "<=",
+    "≥": ">=",
+    "≈": "~",
+    "−": "-",
+    "’": "'",
+    "‘": "'",
+    "“": '"',
+    "”": '"',
+}
+"""What is written where an encoding lacks a character; of any other, its number."""
+
+
+def prepare_streams() -> None:
+    """Open those of the standard streams that are closed, and let none fail on a character."""
+    codecs.register_error("servoscope.plain", _plainly)
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        stream = getattr(sys, name)
+        if stream is None:
+            # The lowest number that is free, so that no other file is taken for it.
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
+        elif mode == "w" and hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="servoscope.plain")
+
+
+def discard_unwritten() -> None:
+    """Forget what a standard stream cannot write, so that the end of the process does not fail."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _plainly(error: UnicodeError) -> tuple[str | bytes, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    lacking = error.object[error.start : error.end]
+    plain = "".join(
+        _PLAIN.get(c) or c.encode("ascii", "backslashreplace").decode() for c in lacking
+    )
+    return plain, error.end
+
 
 _LONGEST_MESSAGE = 10_000
 
@@ -67,3 +137,39 @@ def _shown(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     return printable(str(value)).replace("\n", "?")
+
+
+@contextmanager
+def progress_bar(description: str, total: int | None) -> Iterator[Callable[[int], object]]:
+    """A bar on standard error; yields the function that takes how many items are done.
+
+    Where standard error is not a terminal, one line says what is being done instead, once it has
+    begun.
+    """
+    console = SafeConsole(stderr=True)
+    if not console.is_terminal:
+        yield _announcement(description if total is None else f"{description} ({total})")
+        return
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task(description, total=total)
+        yield lambda n_done: progress.update(task, completed=n_done)
+
+
+def _announcement(description: str) -> Callable[[int], object]:
+    """What says once that something has begun."""
+    announced = False
+
+    def advance(n_done: int) -> None:
+        nonlocal announced
+        if not announced:
+            print_message(f"{description} ...")
+        announced = True
+
+    return advance

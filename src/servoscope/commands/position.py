@@ -109,11 +109,11 @@ def position(
         dry_run: Look once and say the move, without making it.
     """
     from servoscope.commands.output import print_json
+    from servoscope.dofs import parse_tolerances
     from servoscope.positioning import LoopSettings, PositioningModel
     from servoscope.positioning.interfaces import dofs_of
     from servoscope.scene.scene import T_WORLD_REF
     from servoscope.scoreboard.conditions import CONDITIONS
-    from servoscope.tolerances import parse_tolerances
 
     if condition not in CONDITIONS:
         raise InvalidInputError(

@@ -87,9 +87,9 @@ def _results(
     from functools import partial
 
     from servoscope import __version__
-    from servoscope.commands.progress import progress_bar
-    from servoscope.files import write_json
-    from servoscope.rehearsal.summary import verdict
+    from servoscope.commands.output import progress_bar
+    from servoscope.rehearsal.run import verdict
+    from servoscope.storage.folders import write_json
     from servoscope.storage.run_folder import read_json
 
     inputs = {"settings": run.settings, "servoscope": __version__}
@@ -116,7 +116,7 @@ def _results(
 
 
 def _write_starts(path: Path, rehearsed: Any) -> None:
-    from servoscope.files import write_json
+    from servoscope.storage.folders import write_json
 
     found = rehearsed()
     path.parent.mkdir(exist_ok=True)

@@ -14,15 +14,14 @@ from rich.text import Text
 
 from servoscope.assessment import as_json, assess
 from servoscope.assessment.page import reach_table
-from servoscope.commands.output import console
-from servoscope.commands.progress import progress_bar
+from servoscope.commands.output import console, progress_bar
 from servoscope.data.folder import writing
 from servoscope.data.images import PoseImageSet
 from servoscope.data.splits import Split
 from servoscope.errors import InvalidInputError, ServoscopeWarning
-from servoscope.files import write_json
 from servoscope.pipeline import PosePipeline
 from servoscope.poses import DISPLAY_UNITS, DOFS
+from servoscope.storage.folders import write_json
 from servoscope.storage.run_folder import RunFolder, read_json
 
 Errors = Mapping[str, float]

@@ -6,12 +6,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from servoscope.commands.output import console, print_json
-from servoscope.commands.progress import progress_bar
+from servoscope.commands.output import console, print_json, progress_bar
 from servoscope.commands.run_assessment import print_assessment, study_sample
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import InvalidInputError
-from servoscope.files import write_json
+from servoscope.storage.folders import write_json
 from servoscope.storage.run_folder import RunFolder, read_json
 from servoscope.study import Study, StudyConfig
 from servoscope.study.agreement import compare_order_of_families

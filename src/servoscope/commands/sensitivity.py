@@ -70,11 +70,11 @@ def sensitivity(
 
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import print_json
-    from servoscope.files import write_json
     from servoscope.scene.disturbances import DISTURBANCES
     from servoscope.sensitivity import SensitivityConfig
     from servoscope.sensitivity.page import write_sensitivity
     from servoscope.sensitivity.run import DEFAULT_FEATURES
+    from servoscope.storage.folders import write_json
     from servoscope.storage.run_folder import owned_run_folder
 
     processes = n_jobs(jobs)
@@ -110,7 +110,7 @@ def _of_simulated_part(run: RunFolder, config: SensitivityConfig, processes: int
     from dataclasses import asdict
 
     from servoscope import __version__
-    from servoscope.commands.progress import progress_bar
+    from servoscope.commands.output import progress_bar
     from servoscope.sensitivity import SensitivityRun
 
     inputs = {"config": asdict(config), "servoscope": __version__}
@@ -131,7 +131,7 @@ def _of_own_model(
     from hashlib import sha256
 
     from servoscope import __version__
-    from servoscope.commands.progress import progress_bar
+    from servoscope.commands.output import progress_bar
     from servoscope.errors import InvalidInputError
     from servoscope.positioning.model import PositioningModel
     from servoscope.rehearsal.own_sensitivity import (
@@ -208,7 +208,7 @@ def _images(
     run: RunFolder, config: SensitivityConfig, inputs: dict[str, Any], processes: int
 ) -> PoseImageSet:
     from servoscope.acquisition import acquire
-    from servoscope.commands.progress import progress_bar
+    from servoscope.commands.output import progress_bar
     from servoscope.data.images import PoseImageSet
 
     folder, acquisition = run.path / "dataset", config.acquisition()
@@ -222,7 +222,7 @@ def _images(
 
 
 def _write_errors(path: Path, measure: Callable[[], dict[str, Any]]) -> None:
-    from servoscope.files import write_json
+    from servoscope.storage.folders import write_json
 
     errors = measure()
     path.parent.mkdir(exist_ok=True)

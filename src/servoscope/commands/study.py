@@ -1,10 +1,10 @@
-"""``servoscope study``."""
+"""``servoscope study`` and ``servoscope report``."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from servoscope.commands.options import Force, Jobs, Json, Protocol, Resume, RunOut
+from servoscope.commands.options import Force, Jobs, Json, Protocol, Resume, Run, RunOut
 
 
 def study(
@@ -35,11 +35,11 @@ def study(
 
     from servoscope.acquisition import AcquisitionConfig, acquire
     from servoscope.commands.options import n_jobs, protocols
-    from servoscope.commands.progress import progress_bar
+    from servoscope.commands.output import progress_bar
     from servoscope.commands.run_study import finish_run, print_run
     from servoscope.data.images import PoseImageSet
     from servoscope.storage.run_folder import RunFolder, owned_run_folder
-    from servoscope.study.config import StudyConfig, check_n_images
+    from servoscope.study.paper import StudyConfig, check_n_images
 
     processes = n_jobs(jobs)
     config = StudyConfig(seed=seed, protocols=protocols(protocol))
@@ -57,3 +57,21 @@ def study(
         data = PoseImageSet.load(run.path / "dataset")
         summary = finish_run(run, data, config, processes)
     print_run(summary, out, json=json)
+
+
+def report(run: Run, jobs: Jobs = None, json: Json = False) -> None:
+    """Write the report of a finished run again.
+
+    Example: servoscope report servoscope-study
+    """
+    from servoscope.commands.options import n_jobs
+    from servoscope.commands.output import print_facts
+    from servoscope.storage.folders import owned
+    from servoscope.storage.run_folder import read_settings
+    from servoscope.study.page import write_report
+
+    processes = n_jobs(jobs)
+    read_settings(run)  # what is no run folder gets no lock
+    with owned(run):
+        page = write_report(run, n_jobs=processes)
+    print_facts({"report": str(page)}, as_json=json)

@@ -110,8 +110,7 @@ def train(
     """
     from servoscope.commands.accuracy import print_accuracy
     from servoscope.commands.options import n_jobs
-    from servoscope.commands.output import console, print_json
-    from servoscope.commands.progress import progress_bar
+    from servoscope.commands.output import console, print_json, progress_bar
     from servoscope.data.checks import check_data
     from servoscope.data.images import PoseImageSet
     from servoscope.data.independence import mark_sequence

@@ -22,14 +22,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import DataSetError, FolderExistsError, InvalidInputError
-from servoscope.files import remove_parts, write_arrays, write_atomically, write_json, write_text
 from servoscope.poses import poses_from_quaternions, quaternions_xyzw
 from servoscope.storage.archives import read_arrays
 from servoscope.storage.folders import (
     complete_interrupted,
     complete_replacement,
     owned,
+    remove_parts,
     replacing,
+    write_arrays,
+    write_atomically,
+    write_json,
+    write_text,
 )
 from servoscope.storage.reading import read_grey_png, read_json, read_lines
 from servoscope.storage.stacks import (

@@ -13,11 +13,11 @@ from scipy.linalg import eigh
 from servoscope.errors import InvalidInputError
 from servoscope.features.image_transformer import (
     ImageShape,
+    LearnedProjection,
     check_finite,
     check_whole_number,
     flatten_images,
 )
-from servoscope.features.linear_projection import LearnedProjection
 from servoscope.features.normalised_images import (
     extremes_made_positive,
     mean_and_gram,

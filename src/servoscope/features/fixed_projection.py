@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import InvalidInputError
-from servoscope.features.image_transformer import ImageShape, check_whole_number
-from servoscope.features.linear_projection import FixedProjection
+from servoscope.features.image_transformer import FixedProjection, ImageShape, check_whole_number
 from servoscope.features.normalised_images import brightness_gains, working_dtype
 from servoscope.processes import one_blas_thread
 

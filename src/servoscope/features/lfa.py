@@ -14,10 +14,10 @@ from servoscope.features.eigenfeatures import ImageBasis, fitted_basis
 from servoscope.features.image_transformer import (
     ImageShape,
     ImageTransformer,
+    LearnedProjection,
     check_whole_number,
     target_names,
 )
-from servoscope.features.linear_projection import LearnedProjection
 from servoscope.features.normalised_images import project_images
 from servoscope.processes import one_blas_thread
 

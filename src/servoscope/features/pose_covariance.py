@@ -10,8 +10,12 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from servoscope.errors import InvalidInputError
-from servoscope.features.image_transformer import ImageShape, check_whole_number, target_names
-from servoscope.features.linear_projection import LearnedProjection
+from servoscope.features.image_transformer import (
+    ImageShape,
+    LearnedProjection,
+    check_whole_number,
+    target_names,
+)
 from servoscope.features.normalised_images import (
     extremes_made_positive,
     map_blocks,

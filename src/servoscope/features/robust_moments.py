@@ -13,8 +13,13 @@ from scipy.linalg import LinAlgError, lapack, svd
 from sklearn.utils.validation import check_is_fitted
 
 from servoscope.errors import InvalidInputError
-from servoscope.features.cell_moments import GradientMoments, IntensityMoments, intensity_cells
-from servoscope.features.cells import cell_names, pool_in_cells
+from servoscope.features.cell_moments import (
+    GradientMoments,
+    IntensityMoments,
+    cell_names,
+    intensity_cells,
+    pool_in_cells,
+)
 from servoscope.features.image_transformer import ImageShape, ImageTransformer, check_whole_number
 from servoscope.processes import one_blas_thread
 

@@ -3,11 +3,11 @@
 from servoscope.kernels.gaussian import (
     GaussianKernel,
     KernelPosterior,
+    fit_kernel,
     inverse_covariance,
     leave_out_residuals,
     shots_left_out,
 )
-from servoscope.kernels.marginal_likelihood import fit_kernel
 from servoscope.kernels.repeats import find_repeats, merge_repeats, whole_poses
 
 __all__ = [

@@ -16,10 +16,10 @@ from servoscope.data.images import PoseImageSet
 from servoscope.dofs import mask_of
 from servoscope.errors import InvalidInputError
 from servoscope.features import PoseImageCovariance
-from servoscope.files import write_atomically
 from servoscope.keyframe import Keyframe, ViewLimit
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 from servoscope.report.figure import DPI, INK, NORMAL, SMALL, new_axes
+from servoscope.storage.folders import write_atomically
 
 Array = NDArray[Any]
 

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from servoscope.errors import InvalidInputError, PluginError, ServoscopeError
 from servoscope.features.catalogue import Family, resolve_families
-from servoscope.features.linear_projection import LearnedProjection
+from servoscope.features.image_transformer import LearnedProjection
 from servoscope.features.normalised_images import span_coordinates
 from servoscope.pipeline.recipe import Recipe
 from servoscope.processes import in_processes, one_blas_thread
-from servoscope.selection.crossfit import Fold, cut_folds
+from servoscope.selection.forecast import Fold, cut_folds
 from servoscope.wording import one_line
 
 Array = NDArray[np.float64]

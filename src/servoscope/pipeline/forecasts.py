@@ -15,7 +15,7 @@ from servoscope.pipeline.recipe import Recipe
 from servoscope.poses import DOFS
 from servoscope.processes import in_processes
 from servoscope.selection import Forecast, forecast_errors, forecast_from_folds
-from servoscope.selection.crossfit import Fold
+from servoscope.selection.forecast import Fold
 from servoscope.selection.rms_interval import root_mean_square
 
 Array = NDArray[np.float64]

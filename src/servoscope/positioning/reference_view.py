@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import InvalidInputError
-from servoscope.features.cells import shrink
+from servoscope.features.cell_moments import shrink
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]

@@ -19,13 +19,13 @@ import numpy as np
 
 from servoscope import __version__
 from servoscope.errors import FolderExistsError, InvalidInputError, RunFolderError
-from servoscope.files import write_atomically, write_json
 from servoscope.poses import pose_error
 from servoscope.positioning.guard import is_finite_rigid
 from servoscope.positioning.interfaces import Array, Estimate, Estimator, Image
 from servoscope.positioning.look_and_move import Positioner
 from servoscope.positioning.reference_view import Comparison
 from servoscope.positioning.result import PositioningResult, Step, plain
+from servoscope.storage.folders import write_atomically, write_json
 from servoscope.storage.reading import open_image, parse_json, read_bytes, read_json, words
 
 VERSION = 1

@@ -15,8 +15,13 @@ import numpy as np
 from scipy.linalg import blas, cholesky, eigvalsh, solve_triangular
 
 from servoscope.processes import one_blas_thread
-from servoscope.regression.levenberg_marquardt import LMResult, LMSettings, levenberg_marquardt
-from servoscope.regression.normal_equations import NormalEquations, normal_equations
+from servoscope.regression.levenberg_marquardt import (
+    LMResult,
+    LMSettings,
+    NormalEquations,
+    levenberg_marquardt,
+    normal_equations,
+)
 from servoscope.regression.tanh_network import (
     Array,
     Linearisation,

@@ -1,18 +1,211 @@
-"""Levenberg-Marquardt training of a tanh network, stopped early on validation samples."""
+"""Levenberg-Marquardt training of a tanh network, stopped early on validation samples.
+
+A step ``s`` with damping ``mu`` and weight decay ``w`` solves
+
+    (J'J + lam I) s = J'e - w theta,    lam = mu + w,
+
+a system over the weights (primal). Over the samples (dual) it reads
+
+    s = J'a - (w / lam) theta,    (JJ' + lam I) a = e + (w / lam) J theta,
+
+and with one output ``JJ' = (D D') o (Z Z') + A A'`` (o elementwise), so that J is never written
+out and the cost is the same for any number of inputs.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
+from scipy.linalg.blas import get_blas_funcs
+from scipy.linalg.lapack import get_lapack_funcs
 
-from servoscope.regression.normal_equations import NormalEquations, normal_equations
-from servoscope.regression.tanh_network import Array, Objective, Point, append_ones, split_weights
+from servoscope.regression.tanh_network import (
+    Array,
+    Linearisation,
+    Objective,
+    Point,
+    append_ones,
+    count_weights,
+    split_weights,
+)
 from servoscope.regression.training import EarlyStopping, Status, TrainingResult
+
+_SAFETY = 4.0
+"""How many times the rounding of its largest eigenvalue the damping of a matrix must be."""
+
+
+class Step(NamedTuple):
+    """A change of the weights, and how steeply what is minimised falls along it."""
+
+    change: Array
+    slope: float
+    """``change' (J'e - w theta)``"""
+
+
+class NormalEquations(Protocol):
+    """A way to solve for the step."""
+
+    def linearise(self, linearisation: Linearisation) -> None:
+        """Take the derivatives that the next steps start from."""
+
+    def step(
+        self, residuals: Array, weights: Array, damping: float, weight_decay: float
+    ) -> Step | None:
+        """The step, or None where rounding leaves the matrix not positive definite."""
+
+
+class _DampedSystem:
+    """A symmetric matrix, of which the lower triangle is kept, and its damped solutions."""
+
+    def __init__(self, size: int, dtype: DTypeLike) -> None:
+        self.matrix = np.zeros((size, size), dtype, order="F")
+        self._factor = np.empty_like(self.matrix)
+        self._syrk, self._trsv = get_blas_funcs(("syrk", "trsv"), (self.matrix,))
+        self._potrf = get_lapack_funcs("potrf", (self.matrix,))
+
+    def fill(self, rows: NDArray) -> None:
+        """Make the matrix ``rows rows'``."""
+        self._syrk(1.0, rows, beta=0.0, c=self.matrix, overwrite_c=1, lower=1)
+
+    def add(self, rows: NDArray) -> None:
+        """Add ``rows rows'`` to the matrix."""
+        self._syrk(1.0, rows, beta=1.0, c=self.matrix, overwrite_c=1, lower=1)
+
+    def trace(self) -> float:
+        """Sum of the diagonal, which no eigenvalue exceeds."""
+        return float(np.trace(self.matrix))
+
+    def solve(self, right: Array, damping: float) -> Array | None:
+        """The solution with `damping` on the diagonal; None where rounding leaves none."""
+        np.copyto(self._factor, self.matrix)
+        self._factor.ravel(order="K")[:: len(right) + 1] += damping
+        factor, info = self._potrf(self._factor, lower=1, overwrite_a=1, clean=0)
+        if info:
+            return None
+        # Two triangular solves: for one right side potrs takes five times as long.
+        half = self._trsv(factor, right.astype(factor.dtype), lower=1)
+        return self._trsv(factor, half, lower=1, trans=1).astype(np.float64)
+
+
+class DualEquations:
+    """The system over the samples."""
+
+    def __init__(self, inputs: Array, dtype: DTypeLike = np.float32) -> None:
+        self._system = _DampedSystem(len(inputs), dtype)
+        self._dtype = dtype
+        self._system.fill(np.asfortranarray(inputs, dtype))
+        self._input_gram = self._system.matrix.copy(order="F")
+
+    def linearise(self, linearisation: Linearisation) -> None:
+        """Take the derivatives that the next steps start from."""
+        self._linearisation = linearisation
+        self._system.fill(np.asfortranarray(linearisation.slopes, self._dtype))
+        self._system.matrix *= self._input_gram
+        self._system.add(np.asfortranarray(linearisation.activations, self._dtype))
+
+    def trace(self) -> float:
+        """Trace of the system's matrix."""
+        return self._system.trace()
+
+    def step(
+        self, residuals: Array, weights: Array, damping: float, weight_decay: float
+    ) -> Step | None:
+        J, total = self._linearisation, damping + weight_decay
+        share = weight_decay / total
+        right = residuals + share * J.times(weights) if share else residuals
+        solution = self._system.solve(right, total)
+        if solution is None:
+            return None
+        change = J.transposed_times(solution) - share * weights
+        # J change = e - lam a, as the second form shows when J s is written out.
+        slope = residuals @ (residuals - total * solution) - weight_decay * (change @ weights)
+        return Step(change, float(slope))
+
+
+class PrimalEquations:
+    """The system over the weights."""
+
+    def __init__(self, inputs: Array, hidden: int, dtype: DTypeLike = np.float32) -> None:
+        n, n_inputs = inputs.shape
+        n_weights = count_weights(n_inputs - 1, hidden)
+        self._system = _DampedSystem(n_weights, dtype)
+        self._jacobian = np.empty((n, n_weights), dtype)
+        self._hidden = self._jacobian[:, : hidden * n_inputs].reshape(n, hidden, n_inputs)
+        self._inputs = inputs.astype(dtype)
+
+    def linearise(self, linearisation: Linearisation) -> None:
+        self._linearisation = linearisation
+        slopes = linearisation.slopes.astype(self._jacobian.dtype)
+        np.multiply(slopes[:, :, None], self._inputs[:, None, :], out=self._hidden)
+        self._jacobian[:, -linearisation.activations.shape[1] :] = linearisation.activations
+        self._system.fill(self._jacobian.T)
+
+    def trace(self) -> float:
+        """Trace of the system's matrix."""
+        return self._system.trace()
+
+    def step(
+        self, residuals: Array, weights: Array, damping: float, weight_decay: float
+    ) -> Step | None:
+        descent = self._linearisation.transposed_times(residuals) - weight_decay * weights
+        change = self._system.solve(descent, damping + weight_decay)
+        return None if change is None else Step(change, float(change @ descent))
+
+
+class MixedPrecision:
+    """Single precision, and double for dampings that single precision would round away.
+
+    Parameters
+    ----------
+    form : callable
+        Makes the equations in a given precision.
+    """
+
+    def __init__(self, form: Callable[[DTypeLike], DualEquations | PrimalEquations]) -> None:
+        self._form = form
+        self._single = form(np.float32)
+        self._double: DualEquations | PrimalEquations | None = None
+        self._double_is_current = False
+
+    def linearise(self, linearisation: Linearisation) -> None:
+        """Take the derivatives that the next steps start from."""
+        self._linearisation = linearisation
+        self._single.linearise(linearisation)
+        self._double_is_current = False
+
+    def step(
+        self, residuals: Array, weights: Array, damping: float, weight_decay: float
+    ) -> Step | None:
+        """The step, in the precision that the damping needs."""
+        equations: NormalEquations = self._single
+        if damping + weight_decay < _SAFETY * np.finfo(np.float32).eps * self._single.trace():
+            equations = self._in_double()
+        return equations.step(residuals, weights, damping, weight_decay)
+
+    def _in_double(self) -> NormalEquations:
+        if self._double is None:
+            self._double = self._form(np.float64)
+        if not self._double_is_current:
+            self._double.linearise(self._linearisation)
+            self._double_is_current = True
+        return self._double
+
+
+def normal_equations(inputs: Array, hidden: int) -> MixedPrecision:
+    """The form that costs fewer operations for these inputs and number of hidden units."""
+    n, n_inputs = inputs.shape
+    n_weights = count_weights(n_inputs - 1, hidden)
+    dual = 2 * hidden * n**2 + n**3 / 3
+    primal = n * n_weights**2 + n_weights**3 / 3
+    if dual < primal:
+        return MixedPrecision(partial(DualEquations, inputs))
+    return MixedPrecision(partial(PrimalEquations, inputs, hidden))
+
 
 _DAMPING_FALL, _DAMPING_RISE = 0.5, 3.0
 _TRUSTED_GAIN = 0.75

@@ -14,7 +14,6 @@ from sklearn.utils.validation import check_is_fitted
 
 from servoscope.errors import InvalidInputError
 from servoscope.regression.bayesian import BayesianResult, BayesianSettings, WeightPosterior
-from servoscope.regression.lbfgs import LBFGSSettings
 from servoscope.regression.levenberg_marquardt import LMSettings
 from servoscope.regression.samples import (
     Array,
@@ -26,6 +25,7 @@ from servoscope.regression.samples import (
     least_deviation,
 )
 from servoscope.regression.training import (
+    LBFGSSettings,
     Settings,
     Standardisation,
     TrainedNetwork,

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from servoscope.rehearsal.summary import ENOUGH
+from servoscope.rehearsal.run import ENOUGH
 from servoscope.report.figure import (
     ACCENT,
     INK,

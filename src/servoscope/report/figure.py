@@ -19,8 +19,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from servoscope.files import write_atomically
 from servoscope.processes import in_processes
+from servoscope.storage.folders import write_atomically
 
 INK, MUTED, ACCENT = "#1c2733", "#6b7782", "#b3501e"
 SMALL, NORMAL = 7.5, 8.5

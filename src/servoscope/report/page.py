@@ -10,8 +10,8 @@ from typing import Any, Protocol
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from servoscope.files import write_text
 from servoscope.report.table import Table
+from servoscope.storage.folders import write_text
 
 CONTENTS_FROM = 5
 """A page of so many sections lists them after the first."""

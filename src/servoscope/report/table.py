@@ -11,7 +11,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from servoscope.files import write_text
+from servoscope.storage.folders import write_text
 
 NONE = "–"
 """Shown where there is no value."""

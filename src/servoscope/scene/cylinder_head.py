@@ -17,14 +17,12 @@ from servoscope.scene.mesh import (
     VALVE,
     Material,
     Mesh,
-    mesh_from_solid,
-)
-from servoscope.scene.solids import (
     bar,
     box,
     disc,
     filleted,
     kidney,
+    mesh_from_solid,
     plate,
     rectangle,
     rod,

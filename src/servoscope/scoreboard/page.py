@@ -27,7 +27,7 @@ from servoscope.report.figure import (
 from servoscope.report.page import Section, bullets, pairs, write_page
 from servoscope.report.table import Cell, Table, write_tables
 from servoscope.scoreboard.methods import METHODS
-from servoscope.scoreboard.targets import Trials
+from servoscope.scoreboard.summary import Trials
 
 TITLES = {"cylinder_head": "Cylinder head", "textured_plane": "Textured plane"}
 

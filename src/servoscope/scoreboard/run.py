@@ -13,17 +13,14 @@ from typing import Any
 
 from servoscope import __version__
 from servoscope.errors import RunFolderError
-from servoscope.files import write_json
 from servoscope.positioning import Estimator
-from servoscope.processes import in_processes
-from servoscope.progress import ProgressBar, no_progress
+from servoscope.processes import ProgressBar, in_processes, no_progress
 from servoscope.scoreboard.conditions import CONDITIONS, SCENES
-from servoscope.scoreboard.factory import Factory, Stages
 from servoscope.scoreboard.methods import loop_settings
-from servoscope.scoreboard.plan import Plan
-from servoscope.scoreboard.summary import summarise
-from servoscope.scoreboard.targets import check_targets
+from servoscope.scoreboard.plan import Factory, Plan, Stages
+from servoscope.scoreboard.summary import check_targets, summarise
 from servoscope.scoreboard.trial import Trial, run_start
+from servoscope.storage.folders import write_json
 from servoscope.storage.reading import read_json
 
 TRIALS_PER_CALL = 5

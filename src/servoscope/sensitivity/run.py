@@ -12,12 +12,10 @@ from servoscope.errors import InvalidInputError
 from servoscope.features.catalogue import FAMILIES
 from servoscope.pipeline import Recipe
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
-from servoscope.processes import in_processes
-from servoscope.progress import ProgressBar, no_progress
+from servoscope.processes import ProgressBar, in_processes, no_progress
 from servoscope.regression import REGRESSORS
 from servoscope.scene.disturbances import DISTURBANCES
-from servoscope.sensitivity.measurement import measure, n_sets
-from servoscope.sensitivity.pose_model import PoseModel, fit_pose_model
+from servoscope.sensitivity.measurement import PoseModel, fit_pose_model, measure, n_sets
 
 FEATURES = {name: Recipe(name) for name in FAMILIES.built_in} | {
     "eigenfeatures": Recipe("eigenfeatures", ("e_[01]?", "e_2[0-3]"))

@@ -1,23 +1,92 @@
-"""Folders with one owner, replaced as a whole.
+"""Files written whole or not at all; folders with one owner, replaced as a whole or shared.
 
 A lock is let go of by the operating system when its process ends. A replacement that was stopped is
-completed by whoever comes next.
+completed by whoever comes next. Where processes share arrays, what killed ones left is removed.
 """
 
 from __future__ import annotations
 
+import atexit
 import errno
+import json
 import os
+import secrets
 import shutil
 import sys
+import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from functools import cache
 from os import PathLike
 from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
 
 from servoscope.errors import FolderExistsError, FolderInUseError
 from servoscope.wording import one_line
+
+
+def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
+    """Call ``write(file)`` on a temporary file beside `path`, then rename it to `path`.
+
+    Whatever goes wrong on the way, `path` is what it was before.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with open(temporary, "wb") as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def remove_parts(folder: Path) -> None:
+    """Remove what interrupted writes have left in a folder."""
+    for part in folder.glob(".*.part"):
+        part.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write UTF-8 text, whole or not at all."""
+    write_atomically(path, lambda file: file.write(text.encode()))
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write strict JSON (no NaN), whole or not at all."""
+    write_text(path, to_json(value) + "\n")
+
+
+def to_json(value: Any) -> str:
+    """Strict JSON (no NaN) of plain values and of numpy's."""
+    return json.dumps(value, indent=1, allow_nan=False, default=_plain)
+
+
+def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write an uncompressed ``.npz``, whole or not at all; equal arrays give equal bytes."""
+    if any(array.dtype.hasobject for array in arrays.values()):
+        raise TypeError("Arrays of Python objects cannot be written without pickle.")
+
+    def write(file: BinaryIO) -> None:
+        with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
+            for name, array in arrays.items():
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    plain = np.asarray(array, order="C")
+                    np.lib.format.write_array(member, plain, allow_pickle=False)
+
+    write_atomically(path, write)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} has no place in a JSON file.")
+
 
 LOCK = ".servoscope.lock"
 """The file in a folder that its owner has locked."""
@@ -219,3 +288,82 @@ def _remove_folder(folder: Path) -> None:
         if not folder.exists():
             return
         time.sleep(0.1)
+
+
+SHARED_MEMORY = Path("/dev/shm")  # noqa: S108  where Linux has it
+_LEAST_FREE = 2 * 10**9
+"""Shared memory with less room is left alone, [bytes]."""
+
+
+@cache
+def shared_folder() -> str:
+    """A folder for arrays that processes share: in shared memory, where there is enough.
+
+    It goes when this process ends. If that is killed, the next one that asks for such a folder
+    removes it: its lock shows that the owner is gone.
+
+    Raises
+    ------
+    OSError
+        If there is no place for it.
+    """
+    remove_abandoned()
+    owner = os.getpid()
+    with ExitStack() as stack:
+        while True:
+            folder = _places()[0] / f"servoscope-{owner}-{secrets.token_hex(4)}"
+            if stack.enter_context(locked(_lock_of(folder))):
+                break
+        folder.mkdir(mode=0o700)
+        stack.callback(shutil.rmtree, folder, ignore_errors=True)
+        held = stack.pop_all()
+    atexit.register(lambda: held.close() if os.getpid() == owner else None)
+    return str(folder)
+
+
+def remove_abandoned() -> None:
+    """Remove the shared folders and the semaphores of processes of this user that were killed."""
+    with suppress(OSError):
+        for place in _places():
+            for lock in place.glob("servoscope-*-*.lock"):
+                with suppress(OSError, ValueError):
+                    _remove_if_abandoned(lock)
+
+
+def _remove_if_abandoned(lock: Path) -> None:
+    if hasattr(os, "getuid") and lock.lstat().st_uid != os.getuid():
+        return
+    owner = int(lock.name.split("-")[1])
+    with locked(lock) as is_abandoned:
+        if not is_abandoned:
+            return
+        shutil.rmtree(lock.with_suffix(""), ignore_errors=True)
+        # Windows has no such folder, and there the question would be a Ctrl-C.
+        if SHARED_MEMORY.is_dir() and not _is_alive(owner):
+            for semaphore in SHARED_MEMORY.glob(f"sem.loky-{owner}-*"):
+                semaphore.unlink(missing_ok=True)
+
+
+def _places() -> list[Path]:
+    """Folders that may hold shared ones, that for the next first."""
+    chosen = os.environ.get("JOBLIB_TEMP_FOLDER")
+    places = [Path(chosen)] if chosen else []
+    with suppress(OSError, AttributeError):
+        stats = os.statvfs(SHARED_MEMORY)
+        if stats.f_bavail * stats.f_frsize > _LEAST_FREE and os.access(SHARED_MEMORY, os.W_OK):
+            places.append(SHARED_MEMORY)
+    return [*places, Path(tempfile.gettempdir())]
+
+
+def _lock_of(folder: Path) -> Path:
+    return folder.with_name(f"{folder.name}.lock")
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        pass
+    return True

@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 
 from servoscope import __version__
 from servoscope.errors import FolderExistsError, InvalidInputError, ModelError
-from servoscope.files import to_json, write_arrays, write_text
 from servoscope.storage.archives import (
     Arrays,
     make_table,
     read_checked_arrays,
     read_table,
 )
+from servoscope.storage.folders import to_json, write_arrays, write_text
 from servoscope.storage.reading import parse_json, read_bytes
 from servoscope.wording import one_line
 

@@ -12,9 +12,9 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from servoscope import __version__, files
+from servoscope import __version__
 from servoscope.errors import FolderExistsError, RunFolderError
-from servoscope.storage import archives, reading
+from servoscope.storage import archives, folders, reading
 from servoscope.storage.folders import (
     LOCK,
     NEW,
@@ -81,7 +81,7 @@ class RunFolder:
         make()
         seconds = time.perf_counter() - start
         record.parent.mkdir(exist_ok=True)
-        files.write_json(record, {"fingerprint": fingerprint, "seconds": round(seconds, 3)})
+        folders.write_json(record, {"fingerprint": fingerprint, "seconds": round(seconds, 3)})
 
     def timings(self) -> dict[str, float]:
         """How long each finished stage took, in the order of their names, and ``total``, [s]."""
@@ -150,9 +150,9 @@ def open_run_folder(path: Path, settings: dict[str, Any], *, resume: bool = Fals
     if path.exists() and (not path.is_dir() or _holds_anything(path)):
         raise FolderExistsError(f"{path} exists and is not a run folder; name another with --out.")
     path.mkdir(parents=True, exist_ok=True)
-    files.remove_parts(path)
+    folders.remove_parts(path)
     config = {"version": VERSION, "servoscope": __version__, "settings": settings}
-    files.write_json(path / "config.json", config)
+    folders.write_json(path / "config.json", config)
     return RunFolder(path, settings)
 
 

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.data.independence import independent_groups
-from servoscope.files import write_json
 from servoscope.poses import DOFS
 from servoscope.processes import in_processes
 from servoscope.selection import CRITERIA, Candidates, forecast_errors
+from servoscope.storage.folders import write_json
 from servoscope.storage.run_folder import read_json
-from servoscope.study.feature_tables import CANDIDATES
+from servoscope.study.information import CANDIDATES
 from servoscope.study.networks import subset_recipe, train_nets
 from servoscope.study.paper import FAMILIES
 from servoscope.study.run import Study, Unit

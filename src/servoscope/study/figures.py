@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from servoscope.features.moments import PAPER_SLICES
 from servoscope.poses import DOFS
 from servoscope.report.figure import Caption, FigureOrder
-from servoscope.study import charts, pictures
+from servoscope.study import charts
 from servoscope.study.agreement import stands_in_for_paper
 from servoscope.study.paper import TABLE3
 from servoscope.study.results import RunData, Unit
@@ -125,8 +125,8 @@ def list_figures(run: RunData) -> list[FigureOrder]:
     image, first = run.features["reference_image"], run.units[0].results
     published = stands_in_for_paper(run.summary)
     draw: dict[str, Callable[[], Figure]] = {
-        "reference": partial(pictures.draw_reference, image),
-        "slices": partial(pictures.draw_slices, image, PAPER_SLICES),
+        "reference": partial(charts.draw_reference, image),
+        "slices": partial(charts.draw_slices, image, PAPER_SLICES),
         "errors": partial(charts.draw_family_errors, first, published=published),
         "overview": partial(charts.draw_overview, image, PAPER_SLICES, first, published=published),
     }
@@ -137,7 +137,7 @@ def list_figures(run: RunData) -> list[FigureOrder]:
     for unit in run.units:
         if unit.protocol not in protocols:  # they are the same for every form
             vectors = run.pictures[unit.key]["eigenvectors"]
-            eigenvectors = partial(pictures.draw_eigenvectors, vectors)
+            eigenvectors = partial(charts.draw_eigenvectors, vectors)
             orders += _orders(f"{unit.key}_", {"eigenvectors": eigenvectors})
         protocols.add(unit.protocol)
         orders += _orders(f"{unit.key}_", _of_unit(run, unit))
@@ -152,10 +152,10 @@ def _of_unit(run: RunData, unit: Unit) -> dict[str, Callable[[], Figure]]:
     shown, results = run.pictures[unit.key], unit.results
     published = {dof: TABLE3[dof]["rms"] for dof in DOFS if stands_in_for_paper(run.summary)}
     draw: dict[str, Callable[[], Figure]] = {
-        "pci": partial(pictures.draw_signed, shown["pci"], "pci_"),
-        "covariance": partial(pictures.draw_signed, shown["covariance"]),
-        "filtered": partial(pictures.draw_locations, shown["filtered"], shown["locations"]),
-        "lfa": partial(pictures.draw_signed, shown["lfa"]),
+        "pci": partial(charts.draw_signed, shown["pci"], "pci_"),
+        "covariance": partial(charts.draw_signed, shown["covariance"]),
+        "filtered": partial(charts.draw_locations, shown["filtered"], shown["locations"]),
+        "lfa": partial(charts.draw_signed, shown["lfa"]),
         "best": _best_features(run, unit),
         "plane": _planes(run, unit),
         "sweep": partial(

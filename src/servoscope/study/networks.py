@@ -13,10 +13,8 @@ from servoscope.data.splits import Split
 from servoscope.pipeline import FeatureTable, Fitted, Recipe, fit_all
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 from servoscope.selection import ThresholdSubset, best_subset, threshold_subsets
-from servoscope.study.config import StudyConfig
-from servoscope.study.feature_tables import CANDIDATES
-from servoscope.study.information import Assessment
-from servoscope.study.paper import FAMILIES
+from servoscope.study.information import CANDIDATES, Assessment
+from servoscope.study.paper import FAMILIES, StudyConfig
 
 Progress = Callable[[int], object]
 

@@ -15,25 +15,22 @@ from servoscope.data.independence import split_data
 from servoscope.data.splits import Split
 from servoscope.errors import InvalidInputError
 from servoscope.features import GeometricMoments, compute_image_basis
-from servoscope.files import write_arrays, write_json, write_text
 from servoscope.pipeline import FeatureTable
 from servoscope.poses import DISPLACEMENTS, DOFS
-from servoscope.progress import ProgressBar, no_progress
+from servoscope.processes import ProgressBar, no_progress
+from servoscope.storage.folders import write_arrays, write_json, write_text
 from servoscope.storage.run_folder import RunFolder, read_arrays, read_json
-from servoscope.study.config import N_EIGENVECTORS, StudyConfig, check_n_images
-from servoscope.study.feature_tables import (
-    FeaturePictures,
-    compute_feature_table,
-    study_table,
-)
 from servoscope.study.information import (
     Assessment,
+    FeaturePictures,
     assess_features,
+    compute_feature_table,
     measure_chance,
     rankings_as_csv,
+    study_table,
 )
 from servoscope.study.networks import choose_best, plan_sweeps, summarise, train_study_nets
-from servoscope.study.paper import FAMILIES
+from servoscope.study.paper import FAMILIES, N_EIGENVECTORS, StudyConfig, check_n_images
 
 Unit = tuple[str, str]
 """A protocol and a displacement form."""
