@@ -38,11 +38,15 @@ class ModelError(ServoscopeError, ValueError):
 
 
 class PluginError(ServoscopeError):
-    """Features, a regressor, a robot or a format that others have added cannot be used."""
+    """Features, a regressor, a robot, a camera or a format of others cannot be used."""
 
 
 class RobotFaultError(ServoscopeError):
     """A robot cannot or will not do what it was asked to."""
+
+
+class CameraFaultError(ServoscopeError):
+    """A camera cannot be reached, or gives no image."""
 
 
 class ServoscopeWarning(UserWarning):
