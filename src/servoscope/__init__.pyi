@@ -16,9 +16,11 @@ from .features import PoseLeastSquares as PoseLeastSquares
 from .features import RobustMoments as RobustMoments
 from .features import TchebichefMoments as TchebichefMoments
 from .features import compute_image_basis as compute_image_basis
+from .formats import BagOptions as BagOptions
 from .formats import FolderOptions as FolderOptions
 from .formats import ImportOptions as ImportOptions
 from .formats import TumOptions as TumOptions
+from .formats import read_bag as read_bag
 from .formats import read_folder as read_folder
 from .formats import read_tum as read_tum
 from .keyframe import Alignment as Alignment

@@ -1,7 +1,7 @@
 import pytest
 
 from servoscope.errors import InvalidInputError
-from servoscope.formats import FORMATS, FolderOptions, ImportOptions, TumOptions
+from servoscope.formats import FORMATS, BagOptions, FolderOptions, ImportOptions, TumOptions
 
 
 @pytest.mark.parametrize(
@@ -46,5 +46,6 @@ def test_a_pivot_at_the_camera_is_allowed():
 def test_the_registry_lists_the_formats_with_their_options():
     assert {name: format_.options for name, format_ in FORMATS.items()} == {
         "folder": FolderOptions,
+        "bag": BagOptions,
         "tum": TumOptions,
     }

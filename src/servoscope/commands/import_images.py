@@ -31,6 +31,7 @@ def import_command(name: str, format_: Format) -> Callable[..., None]:
             with progress_bar("images", None) as advance:
                 data = format_.read(src, options, advance)
             with_dofs(data, dofs).save(place)
+            del data  # what is described is read from the folder
         print_facts(describe_data_set(out), as_json=json)
 
     shown = "\n\n".join(f"servoscope import {name} SRC OUT {e}" for e in format_.examples)

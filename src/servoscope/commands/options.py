@@ -19,7 +19,7 @@ from servoscope.storage.folders import owned
 if TYPE_CHECKING:
     from servoscope.data.images import PoseImageSet
 
-Source = Positional[Annotated[Path, arg(metavar="SRC", help="Folder to read.")]]
+Source = Positional[Annotated[Path, arg(metavar="SRC", help="Folder or file to read.")]]
 DataSetOut = Positional[Annotated[Path, arg(metavar="OUT", help="Data set folder to write.")]]
 DataSet = Positional[Annotated[Path, arg(metavar="DATASET", help="Data set folder.")]]
 AnyFolder = Positional[Annotated[Path | None, arg(metavar="PATH", help="Folder.")]]

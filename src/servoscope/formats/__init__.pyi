@@ -1,3 +1,5 @@
+from .bag import BagOptions as BagOptions
+from .bag import read_bag as read_bag
 from .conventions import CONVENTIONS as CONVENTIONS
 from .conventions import PoseConvention as PoseConvention
 from .conventions import find_convention as find_convention

@@ -237,11 +237,11 @@ def _by_key(folder: Path, pattern: str) -> dict[str, str]:
     except OSError as error:
         raise DataSetError(f"{place} cannot be read ({error.strerror}).") from error
     matches = {m[1]: m[0] for name in files if (m := fits.fullmatch(name)) and m[1][0] != "."}
-    return dict(sorted(matches.items(), key=lambda item: _natural(item[1])))
+    return dict(sorted(matches.items(), key=lambda item: natural(item[1])))
 
 
-def _natural(name: str) -> list[tuple[int, str]]:
-    """A key that puts 2.png before 10.png."""
+def natural(name: str) -> list[tuple[int, str]]:
+    """A key of names that puts 2.png before 10.png."""
     parts = re.split(r"(\d+)", name)
     return [(int(part), "") if i % 2 else (-1, part) for i, part in enumerate(parts)]
 

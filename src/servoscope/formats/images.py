@@ -6,6 +6,7 @@ import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.storage.reading import (
     LARGEST_IMAGE,
     open_image,
+    open_image_bytes,
     read_bytes,
     without_advice,
     words,
@@ -145,7 +147,7 @@ def read_levels(path: Path, width: int | None = None) -> tuple[GreyLevels, int]:
     DataSetError
         As `read_grey`.
     """
-    return resized(_decode(path), width, path)
+    return resized(_decode_file(path), width, path)
 
 
 def resized(levels: GreyLevels, width: int | None, where: object) -> tuple[GreyLevels, int]:
@@ -253,20 +255,45 @@ def _unlike(image: GreyLevels, like: GreyLevels, name: str | Path) -> DataSetErr
     return None
 
 
-def _decode(path: Path) -> GreyLevels:
-    what_to_do = "replace it, remove its pose, or leave it out with --skip-bad."
+_WHAT_TO_DO = "replace it, remove its pose, or leave it out with --skip-bad."
+
+
+def decode_bytes(content: bytes, where: str) -> GreyLevels:
+    """The grey image that the bytes of an image file hold.
+
+    Raises
+    ------
+    DataSetError
+        As `read_grey`.
+    """
+    return _decode(open_image_bytes(content, where, DataSetError), where, lambda: content)
+
+
+def _decode_file(path: Path) -> GreyLevels:
     if not os.path.exists(path):
-        raise DataSetError(f"{path} is missing, though a pose is given for it; {what_to_do}")
+        raise DataSetError(f"{path} is missing, though a pose is given for it; {_WHAT_TO_DO}")
+    return _decode(
+        open_image(path, DataSetError),
+        str(path),
+        lambda: read_bytes(path, DataSetError, 8 * LARGEST_IMAGE),
+    )
+
+
+def _decode(
+    opened: AbstractContextManager[Image.Image], where: str, content: Callable[[], bytes]
+) -> GreyLevels:
     try:
-        with open_image(path, DataSetError) as image:
-            return _grey(image, path)
+        with opened as image:
+            return _grey(image, content)
     except DataSetError as error:
-        raise DataSetError(f"{without_advice(error)}; {what_to_do}") from error
+        raise DataSetError(f"{without_advice(error)}; {_WHAT_TO_DO}") from error
     except Exception as error:  # Pillow's decoders raise of every kind on damaged files
-        raise DataSetError(f"{path} is not a whole image ({words(error)}); {what_to_do}") from error
+        raise DataSetError(
+            f"{where} is not a whole image ({words(error)}); {_WHAT_TO_DO}"
+        ) from error
 
 
-def _grey(image: Image.Image, path: Path) -> GreyLevels:
+def _grey(image: Image.Image, content: Callable[[], bytes]) -> GreyLevels:
     is_wide_colour = not image.mode.startswith("I") and ";16" in str(getattr(image, "tile", ""))
     image.load()
     if image.mode == "F":
@@ -277,14 +304,13 @@ def _grey(image: Image.Image, path: Path) -> GreyLevels:
             raise ValueError("pixels of more than 16 bits, save it with 8 or 16 bits")
         return values.astype(np.uint16)
     if is_wide_colour:
-        return _luma_of_sixteen_bits(path)
+        return _luma_of_sixteen_bits(content())
     return np.array(image if image.mode == "L" else image.convert("L"))
 
 
-def _luma_of_sixteen_bits(path: Path) -> NDArray[np.uint16]:
+def _luma_of_sixteen_bits(content: bytes) -> NDArray[np.uint16]:
     """Luma of a colour image of 16 bits, of which Pillow keeps the upper eight only."""
-    content = np.frombuffer(read_bytes(path, DataSetError, 8 * LARGEST_IMAGE), np.uint8)
-    values = cv2.imdecode(content, cv2.IMREAD_UNCHANGED)
+    values = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     if values is None or values.dtype != np.uint16 or values.ndim != 3:
         raise ValueError("colour of 16 bits that cannot be read, save it grey")
     return np.asarray(cv2.cvtColor(values[..., :3], cv2.COLOR_BGR2GRAY), dtype=np.uint16)

@@ -8,6 +8,7 @@ from typing import Any
 
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import InvalidInputError
+from servoscope.formats.bag import BagOptions, read_bag
 from servoscope.formats.folder import FolderOptions, read_folder
 from servoscope.formats.options import ImportOptions
 from servoscope.formats.tum import TumOptions, read_tum
@@ -45,6 +46,16 @@ FORMATS: Registry[Format] = Registry(
                 "--poses robot.txt --rotation kuka-abc",
                 "--poses '*.pose.txt' --images '*.jpg' --rotation matrix",
                 "--session sessions.csv --rotation ur",
+            ),
+        ),
+        "bag": Format(
+            "a rosbag 1, a rosbag 2 or MCAP files",
+            BagOptions,
+            read_bag,
+            (
+                "--image-topic /camera/image_raw --pose-topic /tcp_pose",
+                "--base base_link --camera camera_optical_frame --image-width 320",
+                "--urdf arm.urdf --base base_link --camera tool0",
             ),
         ),
         "tum": Format("a TUM sequence: rgb.txt and groundtruth.txt", TumOptions, read_tum),

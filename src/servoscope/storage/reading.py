@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
-from typing import Any, NoReturn
+from typing import Any, BinaryIO, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -192,23 +192,44 @@ def open_image(
     except OSError as reason:
         raise error(f"{path} cannot be read ({words(reason)}).") from reason
     with file:
-        try:
-            # Pillow warns of large images by itself, and its filters belong to all threads.
-            with _FILTERS, warnings.catch_warnings():
-                warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-                image = Image.open(file, formats=IMAGE_FORMATS)
-        except Image.DecompressionBombError as reason:
-            raise error(f"{path} declares more than {most} pixels; shrink it.") from reason
-        except UnidentifiedImageError as reason:
-            kinds = ", ".join(IMAGE_FORMATS)
-            raise error(f"{path} is not a whole image (it is none of {kinds}).") from reason
-        except Exception as reason:  # Pillow raises of every kind on damaged files
-            raise error(f"{path} is not a whole image ({words(reason)}).") from reason
-        if math.prod(image.size) > most:
-            raise error(
-                f"{path} is {image.width} x {image.height} px, more than {most} pixels; shrink it."
-            )
-        yield image
+        yield _checked_image(file, path, error, most)
+
+
+@contextmanager
+def open_image_bytes(
+    content: bytes, where: str, error: type[Exception], most: int = LARGEST_IMAGE
+) -> Iterator[Image.Image]:
+    """An image as `open_image`, of the bytes of a file that is at hand; `where` names it.
+
+    Raises
+    ------
+    error
+        If they are no image of `IMAGE_FORMATS` or declare more pixels.
+    """
+    with io.BytesIO(content) as file:
+        yield _checked_image(file, where, error, most)
+
+
+def _checked_image(
+    file: BinaryIO, where: Path | str, error: type[Exception], most: int
+) -> Image.Image:
+    try:
+        # Pillow warns of large images by itself, and its filters belong to all threads.
+        with _FILTERS, warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            image = Image.open(file, formats=IMAGE_FORMATS)
+    except Image.DecompressionBombError as reason:
+        raise error(f"{where} declares more than {most} pixels; shrink it.") from reason
+    except UnidentifiedImageError as reason:
+        kinds = ", ".join(IMAGE_FORMATS)
+        raise error(f"{where} is not a whole image (it is none of {kinds}).") from reason
+    except Exception as reason:  # Pillow raises of every kind on damaged files
+        raise error(f"{where} is not a whole image ({words(reason)}).") from reason
+    if math.prod(image.size) > most:
+        raise error(
+            f"{where} is {image.width} x {image.height} px, more than {most} pixels; shrink it."
+        )
+    return image
 
 
 def read_grey_png(path: Path, shape: tuple[int, int], error: type[Exception]) -> NDArray[np.uint8]:
