@@ -1,5 +1,7 @@
 """A camera that moves before a plane with a texture, and what it records."""
 
+from functools import cache
+
 import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -7,6 +9,14 @@ from scipy.spatial.transform import Rotation
 from servoscope.poses import rigid_transform
 
 WIDTH, HEIGHT, FOCAL, DISTANCE = 64, 48, 70.0, 0.5
+
+
+@cache
+def texture():
+    """What the plane shows, (256, 256)."""
+    rng = np.random.default_rng(0)
+    smooth = cv2.GaussianBlur(rng.normal(size=(256, 256)).astype(np.float32), (0, 0), 4)
+    return (127 + 60 * smooth / smooth.std()).astype(np.float32)
 
 
 def pose_at(times):
@@ -21,9 +31,6 @@ def pose_at(times):
 
 def image_at(time, noise=2.0):
     """What the camera sees at a time [s], (HEIGHT, WIDTH) uint8."""
-    rng = np.random.default_rng(0)
-    texture = cv2.GaussianBlur(rng.normal(size=(256, 256)).astype(np.float32), (0, 0), 4)
-    texture = (127 + 60 * texture / texture.std()).astype(np.float32)
     T = pose_at([time])[0]
     camera = np.diag([FOCAL, FOCAL, 1.0])
     camera[:2, 2] = WIDTH / 2, HEIGHT / 2
@@ -32,6 +39,6 @@ def image_at(time, noise=2.0):
     plane = np.array([[1, 0, 0], [0, 1, 0], [0, 0, DISTANCE]])
     H = camera @ (R @ plane + np.outer(t, [0, 0, 1]))
     scale = np.array([[1.5e-3, 0, -128 * 1.5e-3], [0, 1.5e-3, -128 * 1.5e-3], [0, 0, 1.0]])
-    image = cv2.warpPerspective(texture, H @ scale, (WIDTH, HEIGHT), flags=cv2.INTER_LINEAR)
+    image = cv2.warpPerspective(texture(), H @ scale, (WIDTH, HEIGHT), flags=cv2.INTER_LINEAR)
     image += np.random.default_rng(int(1e3 * time)).normal(0, noise, image.shape)
     return np.clip(image, 0, 255).round().astype(np.uint8)

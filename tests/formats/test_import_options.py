@@ -1,7 +1,17 @@
 import pytest
 
 from servoscope.errors import InvalidInputError
-from servoscope.formats import FORMATS, BagOptions, FolderOptions, ImportOptions, TumOptions
+from servoscope.formats import (
+    FORMATS,
+    BagOptions,
+    BopOptions,
+    ColmapOptions,
+    FolderOptions,
+    ImportOptions,
+    LeRobotOptions,
+    NerfstudioOptions,
+    TumOptions,
+)
 
 
 @pytest.mark.parametrize(
@@ -47,5 +57,9 @@ def test_the_registry_lists_the_formats_with_their_options():
     assert {name: format_.options for name, format_ in FORMATS.items()} == {
         "folder": FolderOptions,
         "bag": BagOptions,
+        "lerobot": LeRobotOptions,
+        "colmap": ColmapOptions,
+        "nerfstudio": NerfstudioOptions,
+        "bop": BopOptions,
         "tum": TumOptions,
     }

@@ -1,5 +1,9 @@
 from .bag import BagOptions as BagOptions
 from .bag import read_bag as read_bag
+from .bop import BopOptions as BopOptions
+from .bop import read_bop as read_bop
+from .colmap import ColmapOptions as ColmapOptions
+from .colmap import read_colmap as read_colmap
 from .conventions import CONVENTIONS as CONVENTIONS
 from .conventions import PoseConvention as PoseConvention
 from .conventions import find_convention as find_convention
@@ -7,6 +11,10 @@ from .conventions import poses_from_numbers as poses_from_numbers
 from .folder import FolderOptions as FolderOptions
 from .folder import read_folder as read_folder
 from .images import read_grey as read_grey
+from .lerobot import LeRobotOptions as LeRobotOptions
+from .lerobot import read_lerobot as read_lerobot
+from .nerfstudio import NerfstudioOptions as NerfstudioOptions
+from .nerfstudio import read_nerfstudio as read_nerfstudio
 from .options import ImportOptions as ImportOptions
 from .pose_text import T_world_cam_from_numbers as T_world_cam_from_numbers
 from .recordings import RecordingOptions as RecordingOptions

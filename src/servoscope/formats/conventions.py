@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from servoscope.errors import InvalidInputError
-from servoscope.formats.options import Units
+from servoscope.formats.options import ImportOptions, Units
 from servoscope.poses import FARTHEST, rigid_transform
 
 Array = NDArray[np.float64]
@@ -194,6 +194,63 @@ def find_convention(name: str) -> PoseConvention:
     return _angles(
         f"turns about {', '.join(name.lower())} of {body}", " ".join(names), name, None, None
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConventionOptions(ImportOptions):
+    """What a user says of poses that are written as numbers, besides what holds for every format.
+
+    Parameters
+    ----------
+    rotation : str, optional
+        How the rotations are written: xyzw, wxyz, matrix, rotvec, ur, abb-quaternion, kuka-abc,
+        fanuc-wpr, yaskawa-rxryrz, staubli-rxryrz, kawasaki-oat, ros-rpy, or an order of axes as
+        SciPy has it, such as zyx or ZYX (docs/conventions.md). By default quaternions whose columns
+        are called qx, qy, qz and qw.
+    angle_unit : {"deg", "rad"}, optional
+        Of angles and rotation vectors; by default that of the convention.
+    columns : str, optional
+        Names of the columns that hold the pose, or their numbers from 1, with commas, in the order
+        of the convention; by default its own names.
+
+    Examples
+    --------
+    >>> ConventionOptions(rotation="kuka-abc").length_unit
+    'mm'
+    """
+
+    rotation: str | None = None
+    angle_unit: AngleUnit | None = None
+    columns: str | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        convention = self.convention
+        if convention is not None and convention.has_angles:
+            if (self.angle_unit or convention.angle_unit) is None:
+                raise InvalidInputError(
+                    f"The angles of {self.rotation} may be in degrees or radians; say which with "
+                    "--angle-unit deg or --angle-unit rad."
+                )
+        elif self.angle_unit is not None:
+            raise InvalidInputError(
+                f"angle_unit {self.angle_unit} has no angles to be of; give rotation, or leave it "
+                "out."
+            )
+
+    @property
+    def convention(self) -> PoseConvention | None:
+        """How poses are written, if it is said."""
+        return None if self.rotation is None else find_convention(self.rotation)
+
+    @property
+    def length_unit(self) -> Units:
+        """Unit of the translations: as the user says, or what controllers of the convention show.
+
+        An order of axes belongs to no controller: metres.
+        """
+        convention = self.convention
+        return self.units or (convention.length_unit if convention else None) or "m"
 
 
 def poses_from_numbers(

@@ -14,11 +14,9 @@ from servoscope.errors import DataSetError, InvalidInputError
 from servoscope.formats.conventions import (
     CONVENTIONS,
     MATRIX_COLUMNS,
-    AngleUnit,
+    ConventionOptions,
     PoseConvention,
-    find_convention,
 )
-from servoscope.formats.options import ImportOptions, Units
 from servoscope.formats.pose_text import other_separators, parse_numbers, parse_pose
 from servoscope.storage.reading import read_lines
 
@@ -38,21 +36,11 @@ _LAST_ROW = ("0", "0", "0", "1")
 
 
 @dataclass(frozen=True, kw_only=True)
-class TableOptions(ImportOptions):
-    """What a user says of poses that are written as text, besides what holds for every format.
+class TableOptions(ConventionOptions):
+    """What a user says of poses in tables and text files, besides what holds for all numbers.
 
     Parameters
     ----------
-    rotation : str, optional
-        How the rotations are written: xyzw, wxyz, matrix, rotvec, ur, abb-quaternion, kuka-abc,
-        fanuc-wpr, yaskawa-rxryrz, staubli-rxryrz, kawasaki-oat, ros-rpy, or an order of axes as
-        SciPy has it, such as zyx or ZYX (docs/conventions.md). By default quaternions whose columns
-        the header calls qx, qy, qz and qw.
-    angle_unit : {"deg", "rad"}, optional
-        Of angles and rotation vectors; by default that of the convention.
-    columns : str, optional
-        Names of the columns that hold the pose, or their numbers from 1, with commas, in the order
-        of the convention; by default its own names.
     name_column : str, optional
         Name of the column that names the images, or its number from 1.
     delimiter : str, optional
@@ -63,50 +51,21 @@ class TableOptions(ImportOptions):
 
     Examples
     --------
-    >>> TableOptions(rotation="kuka-abc").length_unit
+    >>> TableOptions(rotation="kuka-abc", delimiter="tab").length_unit
     'mm'
     """
 
-    rotation: str | None = None
-    angle_unit: AngleUnit | None = None
-    columns: str | None = None
     name_column: str | None = None
     delimiter: str | None = None
     decimal: Literal["point", "comma"] = "point"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        convention = self.convention
-        if convention is not None and convention.has_angles:
-            if (self.angle_unit or convention.angle_unit) is None:
-                raise InvalidInputError(
-                    f"The angles of {self.rotation} may be in degrees or radians; say which with "
-                    "--angle-unit deg or --angle-unit rad."
-                )
-        elif self.angle_unit is not None:
-            raise InvalidInputError(
-                f"angle_unit {self.angle_unit} has no angles to be of; give rotation, or leave it "
-                "out."
-            )
         if self.delimiter is not None and len(DELIMITERS.get(self.delimiter, self.delimiter)) != 1:
             raise InvalidInputError(
                 f"delimiter must be one of {', '.join(DELIMITERS)}, or one sign, got "
                 f"{self.delimiter!r}."
             )
-
-    @property
-    def convention(self) -> PoseConvention | None:
-        """How poses are written, if it is said."""
-        return None if self.rotation is None else find_convention(self.rotation)
-
-    @property
-    def length_unit(self) -> Units:
-        """Unit of the translations: as the user says, or what controllers of the convention show.
-
-        An order of axes belongs to no controller: metres.
-        """
-        convention = self.convention
-        return self.units or (convention.length_unit if convention else None) or "m"
 
 
 @dataclass(frozen=True)

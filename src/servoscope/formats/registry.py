@@ -9,7 +9,11 @@ from typing import Any
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import InvalidInputError
 from servoscope.formats.bag import BagOptions, read_bag
+from servoscope.formats.bop import BopOptions, read_bop
+from servoscope.formats.colmap import ColmapOptions, read_colmap
 from servoscope.formats.folder import FolderOptions, read_folder
+from servoscope.formats.lerobot import LeRobotOptions, read_lerobot
+from servoscope.formats.nerfstudio import NerfstudioOptions, read_nerfstudio
 from servoscope.formats.options import ImportOptions
 from servoscope.formats.tum import TumOptions, read_tum
 from servoscope.plugins import Registry
@@ -57,6 +61,33 @@ FORMATS: Registry[Format] = Registry(
                 "--base base_link --camera camera_optical_frame --image-width 320",
                 "--urdf arm.urdf --base base_link --camera tool0",
             ),
+        ),
+        "lerobot": Format(
+            "a LeRobotDataset of version 3",
+            LeRobotOptions,
+            read_lerobot,
+            (
+                "--columns observation.tcp_pose --rotation ur --episodes 0-3",
+                "--columns x,y,z,roll,pitch,yaw --rotation ros-rpy --camera observation.images.top",
+            ),
+        ),
+        "colmap": Format(
+            "a reconstruction of COLMAP as text",
+            ColmapOptions,
+            read_colmap,
+            ("--scale 0.21 --max-mm 150 --max-deg 20", "--model sparse/1 --images images_2"),
+        ),
+        "nerfstudio": Format(
+            "a transforms.json of nerfstudio",
+            NerfstudioOptions,
+            read_nerfstudio,
+            ("--scale 0.4 --max-mm 150", "--transforms transforms_train.json --scale 1"),
+        ),
+        "bop": Format(
+            "a scene of the BOP benchmark",
+            BopOptions,
+            read_bop,
+            ("--object 3 --max-mm 150", "--object world --images gray"),
         ),
         "tum": Format("a TUM sequence: rgb.txt and groundtruth.txt", TumOptions, read_tum),
     },
