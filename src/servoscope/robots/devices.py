@@ -44,6 +44,18 @@ def _recorded(rest: str) -> Any:
     return RecordedRobot(PoseImageSet.load(rest))
 
 
+def _opencv(rest: str) -> Any:
+    from servoscope.robots.opencv_camera import opencv_camera
+
+    return opencv_camera(rest)
+
+
+def _folder(rest: str) -> Any:
+    from servoscope.robots.folder_camera import folder_camera
+
+    return folder_camera(rest)
+
+
 def _checked(name: str, opener: Any) -> Kind:
     if not callable(opener):
         raise InvalidInputError(f"the kind {name!r} must be callable, got {repr(opener)[:80]}")
@@ -55,7 +67,15 @@ _RECORDED = Kind("recorded:FOLDER", _recorded)
 ROBOT_KINDS = Registry("servoscope.robot_kinds", {"recorded": _RECORDED}, _checked)
 """Robots that `open_robot` opens."""
 
-CAMERA_KINDS = Registry("servoscope.camera_kinds", {"recorded": _RECORDED}, _checked)
+CAMERA_KINDS = Registry(
+    "servoscope.camera_kinds",
+    {
+        "opencv": Kind("opencv:N", _opencv),
+        "folder": Kind("folder:PATH", _folder),
+        "recorded": _RECORDED,
+    },
+    _checked,
+)
 """Cameras that `open_camera` opens."""
 
 

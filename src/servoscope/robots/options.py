@@ -54,3 +54,21 @@ def split_options(
                 f"The option {name} of {before!r} has no value {value!r}; see docs/robots.md."
             ) from None
     return before, options
+
+
+def check_range(name: str, value: float | None, low: float, high: float, unit: str = "") -> None:
+    """See that a number that was given is within its range.
+
+    Raises
+    ------
+    InvalidInputError
+        If it is not.
+
+    Examples
+    --------
+    >>> check_range("delay", 0.5, 0, 60, "s")
+    """
+    if value is not None and not low <= value <= high:
+        raise InvalidInputError(
+            f"{name} must be from {low:g} to {high:g}{f' {unit}' if unit else ''}, got {value}."
+        )
