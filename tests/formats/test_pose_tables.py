@@ -103,6 +103,19 @@ def test_names_with_gaps_between_spaces(pose_folder, name_last, header):
     np.testing.assert_allclose(data.T_world_cam, pose_folder.T_world_cam, atol=1e-12)
 
 
+@pytest.mark.parametrize("before", ["p[", "[", "("])
+def test_poses_in_brackets_are_read_and_names_keep_theirs(pose_folder, before):
+    (pose_folder.path / "03.png").rename(pose_folder.path / "03 (1).png")
+    pose_folder.names[3] = "03 (1).png"
+    write(pose_folder, "robot.txt", "ur", header=False)
+    path = pose_folder.path / "robot.txt"
+    after = ")" if before == "(" else "]"
+    rows = [line.replace(",", f",{before}", 1) + after for line in path.read_text().splitlines()]
+    path.write_text("\n".join(rows))
+    data = read_folder(pose_folder.path, options("ur"))
+    np.testing.assert_allclose(data.T_world_cam, pose_folder.T_world_cam, atol=1e-12)
+
+
 def test_decimal_commas_are_read_when_that_is_said_and_else_refused(pose_folder):
     write(pose_folder, "robot.txt", "ur", delimiter=";")
     path = pose_folder.path / "robot.txt"

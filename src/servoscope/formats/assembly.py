@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -228,7 +229,8 @@ def _take_reference(
             "saturated, flat or repeated, or their poses stay; check the camera."
         )
     reference = int(fit[choose_reference(frames.at(fit), options)])
-    decoded = next(frames.at(np.array([reference])).images(options.image_width))
+    with closing(frames.at(np.array([reference])).images(options.image_width)) as images:
+        decoded = next(images)
     if not isinstance(decoded, DataSetError):
         return frames, reference, *decoded
     if options.names_reference or not options.skip_bad:

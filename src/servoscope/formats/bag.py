@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -152,7 +152,7 @@ class _Images:
         times = np.frombuffer(self._times).copy()
         return Frames(src, names, np.arange(n), np.empty((n, 4, 4)), times, self.read)
 
-    def read(self, frames: Frames, width: int | None) -> Iterator[Decoded]:
+    def read(self, frames: Frames, width: int | None) -> Generator[Decoded, None, None]:
         """The images of frames in the order of their numbers."""
         logged, files = np.frombuffer(self._logged, np.int64), np.frombuffer(self._files, np.int64)
         numbers = frames.numbers

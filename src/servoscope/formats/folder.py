@@ -233,7 +233,8 @@ def _by_key(folder: Path, pattern: str) -> dict[str, str]:
     fits = re.compile(f"{re.escape(before)}([^/]+){re.escape(after)}")
     place = folder / before.rpartition("/")[0]
     try:
-        files = [f.relative_to(folder).as_posix() for f in place.rglob("*")]
+        found = place.rglob("*") if "/" in after else place.glob("*")
+        files = [file.relative_to(folder).as_posix() for file in found]
     except OSError as error:
         raise DataSetError(f"{place} cannot be read ({error.strerror}).") from error
     matches = {m[1]: m[0] for name in files if (m := fits.fullmatch(name)) and m[1][0] != "."}
@@ -298,7 +299,7 @@ def _parts_by_session(
     path = folder / options.session
     strict = replace(options, skip_bad=False, columns=None, name_column=None)
     convention, rows = read_pose_table(path, strict, key="session")
-    names = [row.name or "" for row in rows]
+    names = [relative_name(row.name or "", row.where) for row in rows]
     check_names_differ(names, path)
     numbers = np.array([row.numbers for row in rows], dtype=float)
     if not len(numbers):

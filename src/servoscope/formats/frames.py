@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from unicodedata import normalize
@@ -91,7 +91,7 @@ class Frames:
     times: NDArray[np.float64] | None = None
     read: FrameReader | None = None
 
-    def images(self, width: int | None = None) -> Iterator[Decoded]:
+    def images(self, width: int | None = None) -> Generator[Decoded, None, None]:
         """The images in the order of the frames, or why one cannot be read."""
         return decode_files(self.paths, width) if self.read is None else self.read(self, width)
 
@@ -121,7 +121,7 @@ class Frames:
         )
 
 
-FrameReader = Callable[[Frames, int | None], Iterator[Decoded]]
+FrameReader = Callable[[Frames, int | None], Generator[Decoded, None, None]]
 
 
 def check_names_differ(names: list[str], path: Path) -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, closing
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -172,7 +172,9 @@ def resized(levels: GreyLevels, width: int | None, where: object) -> tuple[GreyL
     return image, brightest
 
 
-def decode_files(paths: Sequence[str | Path], width: int | None = None) -> Iterator[Decoded]:
+def decode_files(
+    paths: Sequence[str | Path], width: int | None = None
+) -> Generator[Decoded, None, None]:
     """The grey images in files, in their order, read side by side; or why one cannot be read."""
 
     def decoded(path: str | Path) -> Decoded:
@@ -190,7 +192,7 @@ def decode_files(paths: Sequence[str | Path], width: int | None = None) -> Itera
 
 
 def stack_images(
-    decoded: Iterable[Decoded],
+    decoded: Generator[Decoded, None, None],
     names: Sequence[str | Path],
     like: GreyLevels,
     on_progress: Callable[[int], object] | None = None,
@@ -201,8 +203,8 @@ def stack_images(
 
     Parameters
     ----------
-    decoded : iterable of n
-        As `decode_files` yields them.
+    decoded : generator of n
+        As `decode_files` yields them; it is closed at the end, or where an error ends it.
     names : sequence of n
         What messages call them.
     like : ndarray of shape (height, width), uint8 or uint16
@@ -229,15 +231,16 @@ def stack_images(
     images = np.zeros((len(names), *like.shape), like.dtype)
     errors: list[DataSetError | None] = []
     brightest = 0
-    for name, found in zip(names, decoded, strict=True):
-        error = found if isinstance(found, DataSetError) else _unlike(found[0], like, name)
-        if error is not None and not skip_bad:
-            raise error
-        if error is None and not isinstance(found, DataSetError):
-            images[len(errors)], brightest = found[0], max(brightest, found[1])
-        errors.append(error)
-        if on_progress is not None:
-            on_progress(len(errors))
+    with closing(decoded):
+        for name, found in zip(names, decoded, strict=True):
+            error = found if isinstance(found, DataSetError) else _unlike(found[0], like, name)
+            if error is not None and not skip_bad:
+                raise error
+            if error is None and not isinstance(found, DataSetError):
+                images[len(errors)], brightest = found[0], max(brightest, found[1])
+            errors.append(error)
+            if on_progress is not None:
+                on_progress(len(errors))
     return images, brightest, errors
 
 

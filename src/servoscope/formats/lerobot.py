@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -36,6 +36,7 @@ _FIELD = re.compile(r"\{(chunk_index|file_index|video_key)(?::0?(\d)d)?\}")
 _DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _VIDEO = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 _APART_S = 10.0
+_IMAGES_AT_ONCE = 16
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -312,39 +313,43 @@ class _Table:
                 self.times[own] += end - self.times[own].min()
                 end = float(self.times[own].max()) + _APART_S
 
-    def read_images(self, frames: Frames, width: int | None) -> Iterator[Decoded]:
+    def read_images(self, frames: Frames, width: int | None) -> Generator[Decoded, None, None]:
         """Images that stand in the table itself, as files in bytes."""
-        for i in frames.numbers:
-            path = self._paths[self._file[i]]
-            where = f"{path}, row {self._row[i]}"
-            try:
-                content = _image_bytes(path, self._camera, int(self._row[i]))
-                yield resized(decode_bytes(content, where), width, where)
-            except DataSetError as error:
-                yield error
+        for numbers in _runs(frames.numbers, self._file[frames.numbers].tolist()):
+            path = self._paths[int(self._file[numbers[0]])]
+            for row, content in _image_bytes(path, self._camera, self._row[numbers]):
+                where = f"{path}, row {row}"
+                try:
+                    if not isinstance(content, bytes):
+                        raise DataSetError(f"{where} holds no image.")
+                    yield resized(decode_bytes(content, where), width, where)
+                except DataSetError as error:
+                    yield error
 
-    def read_video(self, frames: Frames, width: int | None) -> Iterator[Decoded]:
+    def read_video(self, frames: Frames, width: int | None) -> Generator[Decoded, None, None]:
         """Images of videos, each of which is decoded once, in the order of the frames."""
-        numbers = frames.numbers
-        files = [self._videos[i][:2] for i in numbers]
-        start = 0
-        while start < len(numbers):
-            stop = start
-            while stop < len(numbers) and files[stop] == files[start]:
-                stop += 1
-            chunk, file = files[start]
+        files = [self._videos[i][:2] for i in frames.numbers]
+        for numbers in _runs(frames.numbers, files):
+            chunk, file = self._videos[numbers[0]][:2]
             path = _path(self._folder, self._video_path, chunk, file, self._camera)
-            wanted = self._in_video[numbers[start:stop]]
-            for found, name in zip(
-                _video_images(path, wanted), frames.names[start:stop], strict=True
+            for number, found in zip(
+                numbers, _video_images(path, self._in_video[numbers]), strict=True
             ):
                 if isinstance(found, DataSetError):
                     yield found
                     continue
                 try:
-                    yield resized(found, width, f"{path}, image {name}")
+                    yield resized(found, width, f"{path}, frame {self.frame[number]}")
                 except DataSetError as error:
                     yield error
+
+
+def _runs(numbers: NDArray[np.intp], files: list[Any]) -> Iterator[NDArray[np.intp]]:
+    """The numbers in runs that are of one file each."""
+    start = 0
+    for stop in range(1, len(files) + 1):
+        if stop == len(files) or files[stop] != files[start]:
+            yield numbers[start:stop]
             start = stop
 
 
@@ -433,29 +438,34 @@ def _numbers(column: Any, n: int) -> NDArray[Any]:
     return np.asarray(numbers) if numbers.dtype.kind == "i" else np.asarray(numbers, dtype=float)
 
 
-def _image_bytes(path: Path, camera: str, row: int) -> bytes:
-    """The file that a row holds, or names within the folder of the table."""
+def _image_bytes(
+    path: Path, camera: str, wanted: NDArray[np.intp]
+) -> Iterator[tuple[int, bytes | None]]:
+    """The image files that some rows hold, in ascending order."""
     import pyarrow.parquet as parquet
 
+    rows = set(wanted.tolist())
     try:
         file, first = parquet.ParquetFile(path), 0
         for group in range(file.metadata.num_row_groups):
-            n = file.metadata.row_group(group).num_rows
-            if row < first + n:
-                rows = file.iter_batches(32, [group], [camera])
-                for batch in rows:
-                    if row < first + len(batch):
-                        content = batch.column(0)[row - first].as_py().get("bytes")
-                        if not isinstance(content, bytes):
-                            raise DataSetError(f"{path}, row {row} holds no image.")
-                        return content
-                    first += len(batch)
-            first += n
+            described = file.metadata.row_group(group)
+            if rows.isdisjoint(range(first, first + described.num_rows)):
+                first += described.num_rows
+                continue
+            if described.total_byte_size > _MOST_BYTES:
+                raise DataSetError(
+                    f"{path} unpacks to {described.total_byte_size} bytes a group of rows, more "
+                    f"than {_MOST_BYTES}."
+                )
+            for batch in file.iter_batches(_IMAGES_AT_ONCE, [group], [camera]):
+                for row, value in enumerate(batch.column(0), first):
+                    if row in rows:
+                        yield row, (value.as_py() or {}).get("bytes")
+                first += len(batch)
     except DataSetError:
         raise
     except Exception as error:  # pyarrow raises of every kind on damaged files
         raise DataSetError(f"{path} cannot be read ({words(error)}).") from error
-    raise DataSetError(f"{path} has no row {row}.")
 
 
 def _video_images(path: Path, wanted: Array) -> Iterator[GreyLevels | DataSetError]:

@@ -32,6 +32,7 @@ _ALIASES: dict[str, tuple[str, ...]] = {
 }
 _ALIASES |= {f"q{axis}": (f"q_{axis}", f"quat_{axis}") for axis in "xyzw"}
 _UNIT = re.compile(r"^(.*?)(?:\s*[\[(](mm|m|deg|rad|°|)[\])]|_(mm|deg|rad))$")
+_IN_BRACKETS = re.compile(r"p?[\[({]*([-+.,\deE]*\d[-+.,\deE]*)[\])}]*")  # as p[0.1,0.2,...]
 _LAST_ROW = ("0", "0", "0", "1")
 
 
@@ -186,11 +187,13 @@ def _delimiter(line: str, options: TableOptions) -> str:
 
 def _split(line: str, delimiter: str, where: str) -> list[str]:
     if delimiter.isspace() and delimiter != "\t":
-        return [quoted or bare for quoted, bare in re.findall(r'"([^"]*)"|(\S+)', line)]
-    try:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
-    except csv.Error as error:
-        raise DataSetError(f"{where}: not CSV ({error}).") from error
+        cells = [quoted or bare for quoted, bare in re.findall(r'"([^"]*)"|(\S+)', line)]
+    else:
+        try:
+            cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
+        except csv.Error as error:
+            raise DataSetError(f"{where}: not CSV ({error}).") from error
+    return [found[1] if (found := _IN_BRACKETS.fullmatch(cell)) else cell for cell in cells]
 
 
 def _is_number(text: str) -> bool:
