@@ -82,7 +82,7 @@ def test_a_robot_that_takes_images_is_its_own_camera_and_opened_once(here):
 @pytest.mark.parametrize(
     ("spec", "kind", "said"),
     [
-        ("legs", InvalidInputError, r"must be recorded:FOLDER.* or module:Class.*got 'legs'"),
+        ("legs", InvalidInputError, r"must be .*recorded:FOLDER.* or module:Class.*got 'legs'"),
         ("", InvalidInputError, "got ''"),
         ("recorded", InvalidInputError, "got 'recorded'"),
         ("recorded:", InvalidInputError, "got 'recorded:'"),

@@ -56,6 +56,12 @@ def _folder(rest: str) -> Any:
     return folder_camera(rest)
 
 
+def _ur(rest: str) -> Any:
+    from servoscope.robots.ur_arm import ur_arm
+
+    return ur_arm(rest)
+
+
 def _checked(name: str, opener: Any) -> Kind:
     if not callable(opener):
         raise InvalidInputError(f"the kind {name!r} must be callable, got {repr(opener)[:80]}")
@@ -64,7 +70,9 @@ def _checked(name: str, opener: Any) -> Kind:
 
 _RECORDED = Kind("recorded:FOLDER", _recorded)
 
-ROBOT_KINDS = Registry("servoscope.robot_kinds", {"recorded": _RECORDED}, _checked)
+ROBOT_KINDS = Registry(
+    "servoscope.robot_kinds", {"ur": Kind("ur:HOST", _ur), "recorded": _RECORDED}, _checked
+)
 """Robots that `open_robot` opens."""
 
 CAMERA_KINDS = Registry(
@@ -108,7 +116,7 @@ def open_robot(spec: str) -> Any:
     >>> open_robot("legs")
     Traceback (most recent call last):
     ...
-    servoscope.errors.InvalidInputError: The robot must be recorded:FOLDER or module:Class of your own, got 'legs'.
+    servoscope.errors.InvalidInputError: The robot must be ur:HOST, recorded:FOLDER or module:Class of your own, got 'legs'.
     """  # noqa: E501
     robot = _opened("robot", ROBOT_KINDS, spec)
     if not _has(robot, "pose") or not (_has(robot, "move_to") or _has(robot, "move")):
