@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
-from scipy.stats import differential_entropy
+from scipy.special import ndtri
+from scipy.stats import differential_entropy, rankdata
 
 from servoscope.processes import one_blas_thread
 from servoscope.selection import corrected_mutual_information
-from servoscope.selection.estimators import normal_scores
 from servoscope.selection.samples import as_samples
 
 Array = NDArray[np.float64]
@@ -84,6 +84,13 @@ def entropy_power(X: ArrayLike, Y: ArrayLike, n_bins: int = 10) -> EntropyPower:
         single=_error_allowed(entropy - np.maximum(single, 0.0)),
         joint=_error_allowed(entropy - joint_information(features, targets)),
     )
+
+
+def normal_scores(table: Array) -> Array:
+    """Quantiles of the normal distribution at the ranks of each column, zero for a constant."""
+    scores = ndtri(rankdata(table, axis=0) / (len(table) + 1))
+    scores -= scores.mean(axis=0)
+    return np.where(np.abs(scores).max(axis=0) > 1e-12, scores, 0.0)
 
 
 def joint_information(X: Array, Y: Array) -> Array:

@@ -1,4 +1,8 @@
-"""Vision-based robot positioning from whole images."""
+"""Vision-based robot positioning from whole images.
+
+"The paper", here and in every module: G. Wells and C. Torras, "Assessing image features for
+vision-based robot positioning", Journal of Intelligent and Robotic Systems 30 (2001), 95-118.
+"""
 
 import lazy_loader
 

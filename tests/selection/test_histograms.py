@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from servoscope.errors import InvalidInputError
+from servoscope.selection.estimators import information_of_codes
 from servoscope.selection.histograms import bin_codes, conditional_information
-from servoscope.selection.information import information_of_codes
 
 finite = st.floats(-1e9, 1e9, allow_subnormal=True)
 

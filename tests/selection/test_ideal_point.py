@@ -8,6 +8,12 @@ from scipy.stats import kendalltau
 
 from servoscope.errors import InvalidInputError
 from servoscope.selection.candidates import Candidates
+from servoscope.selection.estimators import (
+    CORRECTIONS,
+    corrected_mutual_information,
+    mutual_information,
+    pairwise_mutual_information,
+)
 from servoscope.selection.ideal_point import (
     ThresholdSubset,
     best_subset,
@@ -16,12 +22,6 @@ from servoscope.selection.ideal_point import (
     rank_ideal_point_corrected,
     redundancy_bias,
     threshold_subsets,
-)
-from servoscope.selection.information import (
-    CORRECTIONS,
-    corrected_mutual_information,
-    mutual_information,
-    pairwise_mutual_information,
 )
 
 

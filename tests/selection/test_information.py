@@ -9,8 +9,7 @@ from sklearn.metrics import mutual_info_score
 from sklearn.metrics.cluster import contingency_matrix, expected_mutual_information
 
 from servoscope.errors import InvalidInputError
-from servoscope.selection.histograms import bin_codes
-from servoscope.selection.information import (
+from servoscope.selection.estimators import (
     CORRECTIONS,
     corrected_mutual_information,
     information_bias,
@@ -18,6 +17,7 @@ from servoscope.selection.information import (
     mutual_information,
     pairwise_mutual_information,
 )
+from servoscope.selection.histograms import bin_codes
 
 tables = hnp.arrays(
     float,

@@ -193,15 +193,11 @@ class GradientMoments(CellMoments):
     ----------
     n_rows_, n_columns_ : int
         Cells from top to bottom and from left to right.
-    image_shape_ : (height, width)
-    n_features_in_ : int
-        Pixels of an image.
 
     Raises
     ------
     InvalidInputError
-        If a parameter is no whole number from 1, an image is not of the size seen in `fit`, or a
-        pixel is not finite.
+        If a parameter is no whole number from 1.
 
     Notes
     -----
@@ -260,30 +256,21 @@ class IntensityMoments(CellMoments):
     ----------
     n_rows_, n_columns_ : int
         Cells from top to bottom and from left to right.
-    image_shape_ : (height, width)
-    n_features_in_ : int
-        Pixels of an image.
 
     Raises
     ------
     InvalidInputError
-        If a parameter is no whole number from 1, an image is not of the size seen in `fit`, or a
-        pixel is not finite.
+        If a parameter is no whole number from 1.
 
     Notes
     -----
-    `GeometricMoments` cuts an image into slices of intensity (section 3.1 of [1]_) and takes
+    `GeometricMoments` cuts an image into slices of intensity (section 3.1 of the paper) and takes
     moments up to order 3 of each. Here the slices overlap, a grey level counting for the two
     nearest of 6 levels, more for the nearer, so that features change smoothly; their moments of
     order 0 are taken under Gaussian windows, a grid of them, and the square root of each cell's
     share is the feature. Grey levels are in units of the 80 % quantile of the image, which
     something that covers a small part of the view hardly moves. Gain changes nothing as long as no
     pixel saturates; an offset and a light that falls off do.
-
-    References
-    ----------
-    .. [1] G. Wells and C. Torras, "Assessing image features for vision-based robot positioning",
-       Journal of Intelligent and Robotic Systems 30 (2001), 95-118.
 
     Examples
     --------

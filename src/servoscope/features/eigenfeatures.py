@@ -105,15 +105,10 @@ def compute_image_basis(
 
     Notes
     -----
-    Eq. 8-11 of [1]_. ``X X^T`` is n_pixels x n_pixels; the snapshot method takes the eigenvectors
-    ``v`` of the n_images x n_images matrix ``X^T X`` instead, which has the same eigenvalues, and
+    Eq. 8-11 of the paper. ``X X^T`` is n_pixels x n_pixels; the snapshot method takes the
+    eigenvectors ``v`` of the n_images x n_images matrix ``X^T X`` instead, which has the same eigenvalues, and
     ``e = X v / sqrt(lambda)``. Products of uint8 images are float32, summed in float64 over
     blocks of pixels.
-
-    References
-    ----------
-    .. [1] G. Wells and C. Torras, "Assessing image features for vision-based robot positioning",
-       Journal of Intelligent and Robotic Systems 30 (2001), 95-118.
 
     Examples
     --------
@@ -193,25 +188,16 @@ class Eigenfeatures(LearnedProjection):
     ----------
     basis_ : ImageBasis
         The eigenvectors in use.
-    image_shape_ : (height, width)
-    n_features_in_ : int
-        Pixels of an image.
 
     Raises
     ------
     InvalidInputError
-        If there are fewer independent images than `n_components`, an image is not of the size
-        seen in `fit`, or a pixel is not finite.
+        If there are fewer independent images than `n_components`.
 
     Notes
     -----
-    Eq. 8-12 of [1]_: each image is divided by its Euclidean length (a black one stays black),
+    Eq. 8-12 of the paper: each image is divided by its Euclidean length (a black one stays black),
     the mean of the training images is subtracted, and what is left is projected.
-
-    References
-    ----------
-    .. [1] G. Wells and C. Torras, "Assessing image features for vision-based robot positioning",
-       Journal of Intelligent and Robotic Systems 30 (2001), 95-118.
 
     Examples
     --------

@@ -25,17 +25,10 @@ class TchebichefMoments(FixedProjection):
     image_shape : (height, width), optional
         What flat images are; 1 x n_pixels by default.
 
-    Attributes
-    ----------
-    image_shape_ : (height, width)
-    n_features_in_ : int
-        Pixels of an image.
-
     Raises
     ------
     InvalidInputError
-        If the order is not a whole number from 0, an image is not of the size seen in `fit`, or
-        a pixel is not finite.
+        If the order is not a whole number from 0.
 
     Notes
     -----
@@ -162,15 +155,11 @@ class ImageProjections(FixedProjection):
     ----------
     components_ : ndarray of shape (1 + n_angles * n_coefficients, n_pixels)
         What images are projected onto.
-    image_shape_ : (height, width)
-    n_features_in_ : int
-        Pixels of an image.
 
     Raises
     ------
     InvalidInputError
-        If a number is not a whole one from 1, an image is not of the size seen in `fit`, or a
-        pixel is not finite.
+        If a number is not a whole one from 1.
 
     Notes
     -----
@@ -243,15 +232,11 @@ class LogPolarFeatures(FixedProjection):
     ----------
     components_ : ndarray of shape (n_features, n_pixels)
         What images are projected onto.
-    image_shape_ : (height, width)
-    n_features_in_ : int
-        Pixels of an image.
 
     Raises
     ------
     InvalidInputError
-        If a parameter is out of range, an image is not of the size seen in `fit`, or a pixel is
-        not finite.
+        If a parameter is out of range.
 
     Notes
     -----

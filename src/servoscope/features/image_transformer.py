@@ -124,7 +124,9 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
     one another, multiply images whose pixels are floats from 0 to 1 in `fit` by 255, there and in
     `transform`, with a warning. None transforms images on another scale than those of `fit`.
 
-    scikit-learn counts the pixels as features, ``n_features_in_ = height * width``. A subclass has
+    scikit-learn counts the pixels as features, ``n_features_in_ = height * width``; `image_shape_`
+    is what `fit` saw. Images of another size and pixels that are not finite are an
+    `InvalidInputError`, and so are displacements that are not as many as the images. A subclass has
     a parameter `image_shape`, learns from flat images in `_learn`, computes in `_features`, and
     names its features in `_feature_names`. All of them pass scikit-learn's estimator checks; none
     is left out except that of array API input, which scikit-learn itself skips unless

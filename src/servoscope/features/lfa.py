@@ -50,21 +50,17 @@ class LocalFeatureAnalysis(ImageTransformer):
         Its magnitude, averaged with the centre-weighted mask.
     locations_ : ndarray of shape (n_targets, n_per_dof, 2)
         Row and column of the receptive fields chosen, brightest first.
-    image_shape_ : (height, width)
-    n_features_in_ : int
-        Pixels of an image.
 
     Raises
     ------
     InvalidInputError
         If there are fewer independent images than `n_components`, the image has no room for
-        `n_per_dof` separate subwindows, an image is not of the size seen in `fit`, or a number
-        is not finite.
+        `n_per_dof` separate subwindows.
 
     Notes
     -----
-    Eq. 15-18 of [1]_. The n_pixels x n_pixels matrix ``K = E diag(lambda^-1/2) E^T`` (eq. 16) is
-    never formed: its products with images, and the few of its columns that are wanted, come from
+    Eq. 15-18 of the paper. The n_pixels x n_pixels matrix ``K = E diag(lambda^-1/2) E^T`` (eq. 16)
+    is never formed: its products with images, and the few of its columns that are wanted, come from
     its factors. Eq. 18 as printed, ``Y P^T``, does not conform; ``Y P`` is meant.
 
     The locations follow section 4 and figure 7: the magnitude of the covariance is filtered with
@@ -73,11 +69,6 @@ class LocalFeatureAnalysis(ImageTransformer):
     by single pixels, and one that overlaps another already taken is passed over: otherwise all of
     them would crowd around one maximum. The centre of an even window lies between pixels; the
     receptive field is that of the pixel below and to the right of it.
-
-    References
-    ----------
-    .. [1] G. Wells and C. Torras, "Assessing image features for vision-based robot positioning",
-       Journal of Intelligent and Robotic Systems 30 (2001), 95-118.
 
     Examples
     --------
@@ -197,21 +188,16 @@ class LocalFeatureCovariance(LearnedProjection):
         What images are projected onto.
     mean_ : ndarray of shape (n_pixels,)
         Mean of the normalised training images.
-    image_shape_ : (height, width)
-    n_features_in_ : int
-        Pixels of an image.
 
     Raises
     ------
     InvalidInputError
-        If there are fewer independent images than `n_components`, there are not as many
-        displacements as images, an image is not of the size seen in `fit`, or a number is not
-        finite.
+        If there are fewer independent images than `n_components`.
 
     Notes
     -----
-    Eq. 15-18 of [1]_: the output is ``y = K^T x`` with ``K = E diag(lambda^-1/2) E^T`` (eq. 17),
-    its covariance with the displacements ``M = K^T X P`` (eq. 18, as `LocalFeatureAnalysis` has
+    Eq. 15-18 of the paper: the output is ``y = K^T x`` with ``K = E diag(lambda^-1/2) E^T`` (eq.
+    17), its covariance with the displacements ``M = K^T X P`` (eq. 18, as `LocalFeatureAnalysis` has
     it but not scaled), and the features are ``M^T y``. ``K`` acts twice in them:
 
     ``M^T y = P^T X^T K K^T x = P^T X^T E diag(1 / lambda_i) E^T x``,
@@ -219,11 +205,6 @@ class LocalFeatureCovariance(LearnedProjection):
     images being columns. So they are the least-squares estimate of the displacement from the
     first eigenfeatures: the pseudo-inverse of the interaction matrix, cut off after `n_components`
     eigenvectors.
-
-    References
-    ----------
-    .. [1] G. Wells and C. Torras, "Assessing image features for vision-based robot positioning",
-       Journal of Intelligent and Robotic Systems 30 (2001), 95-118.
 
     Examples
     --------

@@ -159,22 +159,15 @@ class GeometricMoments(ImageTransformer):
     image_shape : (height, width), optional
         What flat images are; 1 x n_pixels by default.
 
-    Attributes
-    ----------
-    image_shape_ : (height, width)
-    n_features_in_ : int
-        Pixels of an image.
-
     Raises
     ------
     InvalidInputError
-        If a slice is empty or out of range, an image is not of the size seen in `fit`, or a pixel
-        is not finite.
+        If a slice is empty or out of range.
 
     Notes
     -----
-    Eq. 1-7 of [1]_, with x the column and y the row, [px], and f the grey level inside the slice
-    and 0 outside. Black pixels, of grey level 0, therefore weigh nothing in the slice 0-50.
+    Eq. 1-7 of the paper, with x the column and y the row, [px], and f the grey level inside the
+    slice and 0 outside. Black pixels, of grey level 0, therefore weigh nothing in the slice 0-50.
     Images that are not uint8 are rounded and clipped to 0..255; grey levels on another scale,
     0 to 1 or 0 to 65535, must be brought to this one first.
 
@@ -191,11 +184,6 @@ class GeometricMoments(ImageTransformer):
 
     All of them except the centroid are 0 for an empty slice, and all except the centroid and the
     mass for a single pixel. Nothing is ever NaN.
-
-    References
-    ----------
-    .. [1] G. Wells and C. Torras, "Assessing image features for vision-based robot positioning",
-       Journal of Intelligent and Robotic Systems 30 (2001), 95-118.
 
     Examples
     --------

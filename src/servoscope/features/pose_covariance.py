@@ -41,27 +41,13 @@ class PoseImageCovariance(LearnedProjection):
         One pose-image covariance vector for each column of the displacements.
     mean_ : ndarray of shape (n_pixels,)
         Mean of the normalised training images.
-    image_shape_ : (height, width)
-    n_features_in_ : int
-        Pixels of an image.
-
-    Raises
-    ------
-    InvalidInputError
-        If there are not as many displacements as images, an image is not of the size seen in
-        `fit`, or a number is not finite.
 
     Notes
     -----
-    Eq. 13-14 of [1]_. As printed, ``M = X P^T`` does not conform, X being n_pixels x n_images
+    Eq. 13-14 of the paper. As printed, ``M = X P^T`` does not conform, X being n_pixels x n_images
     and P n_images x 6; ``X P`` is meant. Here images are rows, so it is ``X.T @ delta_p``. The
     displacements start at the reference and are not centred; as the images are, centring them
     would change nothing.
-
-    References
-    ----------
-    .. [1] G. Wells and C. Torras, "Assessing image features for vision-based robot positioning",
-       Journal of Intelligent and Robotic Systems 30 (2001), 95-118.
 
     Examples
     --------
@@ -111,20 +97,15 @@ class PoseLeastSquares(LearnedProjection):
         Unit vectors that images are projected onto; the entry of largest magnitude is positive.
     mean_ : ndarray of shape (n_pixels,)
         Mean of the normalised training images.
-    image_shape_ : (height, width)
-    n_features_in_ : int
-        Pixels of an image.
 
     Raises
     ------
     InvalidInputError
-        If fewer than `n_components` directions covary with the displacements, there are not as
-        many displacements as images, an image is not of the size seen in `fit`, or a number is
-        not finite.
+        If fewer than `n_components` directions covary with the displacements.
 
     Notes
     -----
-    SIMPLS [1]_ on images normalised as in eq. 9 of [2]_. Each direction is the one whose
+    SIMPLS [1]_ on images normalised as in eq. 9 of the paper. Each direction is the one whose
     projection covaries most with a combination of the displacements, among those whose
     projections are uncorrelated with the ones before. The first directions span what the
     pose-image covariance vectors (eq. 13) do; the others, unlike eigenvectors, are in order of
@@ -136,8 +117,6 @@ class PoseLeastSquares(LearnedProjection):
     ----------
     .. [1] S. de Jong, "SIMPLS: an alternative approach to partial least squares regression",
        Chemometrics and Intelligent Laboratory Systems 18 (1993), 251-263.
-    .. [2] G. Wells and C. Torras, "Assessing image features for vision-based robot positioning",
-       Journal of Intelligent and Robotic Systems 30 (2001), 95-118.
 
     Examples
     --------

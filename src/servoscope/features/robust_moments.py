@@ -230,15 +230,11 @@ class RobustMoments(ImageTransformer):
         The cells of the training images, by few eigenvectors and by `n_components`.
     n_rows_, n_columns_ : int
         Cells from top to bottom and from left to right.
-    image_shape_ : (height, width)
-    n_features_in_ : int
-        Pixels of an image.
 
     Raises
     ------
     InvalidInputError
-        If a parameter is no whole number from 1, there are not more images than `n_components`,
-        an image is not of the size seen in `fit`, or a pixel is not finite.
+        If a parameter is no whole number from 1, there are not more images than `n_components`.
 
     Notes
     -----

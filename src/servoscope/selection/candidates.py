@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from servoscope.errors import InvalidInputError
+from servoscope.selection.estimators import mutual_information, pairwise_mutual_information
 from servoscope.selection.histograms import bin_codes, conditional_information
-from servoscope.selection.information import mutual_information, pairwise_mutual_information
 from servoscope.selection.samples import as_samples
 
 

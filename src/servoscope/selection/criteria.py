@@ -16,47 +16,7 @@ from servoscope.arrays import check_unmasked
 from servoscope.errors import InvalidInputError
 from servoscope.selection.candidates import Candidates, Ranking, rank_greedily
 from servoscope.selection.forward import rank_forward
-from servoscope.selection.histograms import conditional_information, quantile_codes
 from servoscope.selection.ideal_point import rank_ideal_point, rank_ideal_point_corrected
-
-
-def rank_mrmr(candidates: Candidates, n_features: int) -> Ranking:
-    """Rank features by their relevance less their mean redundancy.
-
-    Parameters
-    ----------
-    candidates : Candidates
-    n_features : int
-        How many features to rank; all of them if there are fewer.
-
-    Returns
-    -------
-    Ranking
-
-    Notes
-    -----
-    The difference form, called MID: each step selects the greatest
-    ``I(f; y) - mean_k I(f; f_k)`` over the features ``f_k`` selected so far.
-
-    References
-    ----------
-    H. Peng, F. Long and C. Ding, "Feature selection based on mutual information: criteria of
-    max-dependency, max-relevance, and min-redundancy", IEEE Transactions on Pattern Analysis and
-    Machine Intelligence 27(8), 2005.
-
-    Examples
-    --------
-    >>> X = np.random.default_rng(0).uniform(size=(1000, 3))
-    >>> X[:, 1] = X[:, 0]
-    >>> rank_mrmr(Candidates(X, X[:, 0] + 0.5 * X[:, 2]), 3).order
-    array([0, 2, 1])
-    """
-    relevance = candidates.relevance
-
-    def score(selected: list[int], redundancy: NDArray[np.float64]) -> NDArray[np.float64]:
-        return relevance - redundancy / max(len(selected), 1)
-
-    return rank_greedily(relevance, candidates.pairwise, n_features, score)
 
 
 def rank_jmi(candidates: Candidates, n_features: int) -> Ranking:
@@ -94,120 +54,16 @@ def rank_jmi(candidates: Candidates, n_features: int) -> Ranking:
     >>> rank_jmi(Candidates(X, y, n_bins=2), 2).order
     array([0, 1])
     """
-    return _rank_given_each(candidates, n_features, np.add, 0.0)
-
-
-def rank_cmim(candidates: Candidates, n_features: int) -> Ranking:
-    """Rank features by what they add to the one selected feature to which they add least.
-
-    Parameters
-    ----------
-    candidates : Candidates
-    n_features : int
-        How many features to rank; all of them if there are fewer.
-
-    Returns
-    -------
-    Ranking
-
-    Notes
-    -----
-    Each step selects the greatest ``min_k I(f; y | f_k)`` over the features ``f_k`` selected so
-    far. Implementations that take ``I(f; y)`` into the minimum, as the original's fast one does,
-    miss what features inform of only jointly. It comes from a histogram of three variables,
-    whose bias favours features that spread over many bins; fewer bins keep it small.
-
-    References
-    ----------
-    F. Fleuret, "Fast binary feature selection with conditional mutual information", Journal of
-    Machine Learning Research 5, 2004.
-
-    Examples
-    --------
-    >>> X = np.random.default_rng(0).uniform(size=(1000, 3))
-    >>> X[:, 1] = X[:, 0]
-    >>> rank_cmim(Candidates(X, X[:, 0] + 0.5 * X[:, 2]), 3).order
-    array([0, 2, 1])
-    """
-    return _rank_given_each(candidates, n_features, np.minimum, np.inf)
-
-
-def _rank_given_each(
-    candidates: Candidates, n_features: int, combine: np.ufunc, start: float
-) -> Ranking:
-    """Rank by the information given each selected feature by itself, summed or the least of it."""
-    combined = np.full(len(candidates), start)
+    joint = np.zeros(len(candidates))
 
     def score(selected: list[int], _: NDArray[np.float64]) -> NDArray[np.float64]:
-        nonlocal combined
+        nonlocal joint
         if not selected:
             return candidates.relevance
-        combined = combine(combined, candidates.relevance_given(selected[-1]))
-        return combined
+        joint = joint + candidates.relevance_given(selected[-1])
+        return joint
 
     return rank_greedily(candidates.relevance, candidates.pairwise, n_features, score)
-
-
-N_COARSE_BINS = 4
-"""Bins of equal frequency, of every variable: 4^4 cells for a pair that is known."""
-
-
-def rank_conditional(
-    candidates: Candidates, n_features: int, n_bins: int = N_COARSE_BINS
-) -> Ranking:
-    """Rank features by what they add once the two features that resemble them most are known.
-
-    Parameters
-    ----------
-    candidates : Candidates
-    n_features : int
-        How many features to rank; all of them if there are fewer.
-    n_bins : int
-        Bins of equal frequency, for the conditional information alone.
-
-    Returns
-    -------
-    Ranking
-
-    Notes
-    -----
-    What ought to be greatest is ``I(f; y | f_1, ..., f_k)`` over all the features selected so far,
-    but its histogram has ``n_bins^(k + 2)`` cells: no number of images fills them. So a candidate
-    is judged by ``I(f; y | f_a, f_b)``, less Miller-Madow's bias, with the two selected features
-    that have most information about it, in a few bins of equal frequency. Two features do not
-    stand for all: what a candidate repeats of three others together is not seen, nor what it adds
-    with a selected feature it does not resemble. And once the target's coarse bin is known, all
-    candidates score alike.
-
-    Examples
-    --------
-    >>> X = np.random.default_rng(0).uniform(size=(1000, 3))
-    >>> X[:, 1] = X[:, 0]
-    >>> rank_conditional(Candidates(X, X[:, 0] + 0.5 * X[:, 2]), 3).order
-    array([0, 2, 1])
-    """
-    codes = quantile_codes(candidates.X, n_bins)
-    target = quantile_codes(candidates.y[:, None], n_bins)[0]
-
-    def score(selected: list[int], redundancy: NDArray[np.float64]) -> NDArray[np.float64]:
-        if not selected:
-            return candidates.relevance
-        scores = np.full(len(codes), -np.inf)
-        for candidate in np.flatnonzero(~np.isnan(redundancy)):
-            known = _most_alike(candidates.pairwise[candidate], selected)
-            pair = codes[known[0]] + n_bins * codes[known[-1]].astype(int)
-            information, bias = conditional_information(
-                codes[candidate : candidate + 1], target, pair, n_bins
-            )
-            scores[candidate] = information[0] - bias[0]
-        return scores
-
-    return rank_greedily(candidates.relevance, candidates.pairwise, n_features, score)
-
-
-def _most_alike(information: NDArray[np.float64], selected: list[int]) -> list[int]:
-    """The two selected features with most information about a candidate, or the only one."""
-    return sorted(selected, key=lambda k: -information[k])[:2]
 
 
 Criterion = Callable[[Candidates, int], Ranking]
@@ -224,10 +80,7 @@ def _ideal_point(candidates: Candidates, n_features: int) -> Ranking:
 CRITERIA: dict[str, Criterion] = {
     "ideal_point": _ideal_point,
     "ideal_point_corrected": rank_ideal_point_corrected,
-    "mrmr": rank_mrmr,
     "jmi": rank_jmi,
-    "cmim": rank_cmim,
-    "conditional": rank_conditional,
     "forecast": rank_forward,
 }
 """What `MutualInfoSelector` takes by name."""
@@ -242,8 +95,8 @@ class MutualInfoSelector(SelectorMixin, BaseEstimator):
         How many features to select; all of them if there are fewer.
     criterion : str or callable
         The rule that selects the next feature, by its name in `CRITERIA` (``"ideal_point"``,
-        ``"ideal_point_corrected"``, ``"mrmr"``, ``"jmi"``, ``"cmim"``, ``"conditional"``,
-        ``"forecast"``), or a function from `Candidates` and a number of features to a `Ranking`.
+        ``"ideal_point_corrected"``, ``"jmi"``, ``"forecast"``), or a function from `Candidates` and
+        a number of features to a `Ranking`.
     n_bins : int
         Number of equal-width bins over the observed range of each variable, 2 to 256.
 

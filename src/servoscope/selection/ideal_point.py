@@ -11,7 +11,7 @@ from scipy.stats import kendalltau
 
 from servoscope.errors import InvalidInputError
 from servoscope.selection.candidates import Candidates, Ranking, rank_greedily
-from servoscope.selection.information import (
+from servoscope.selection.estimators import (
     corrected_mutual_information,
     information_bias,
     mutual_information,
@@ -47,14 +47,6 @@ def rank_ideal_point(relevance: ArrayLike, pairwise: ArrayLike, n_features: int)
     ``(0, max I(f; y))``, the lowest index among equals. Section 5 of Wells and Torras (2001)
     speaks of the "minimum" of the sum, the caption of their figure 10 of "zero": zero it is.
     The maximum is over the candidates that remain, since those are what the figure plots.
-
-    References
-    ----------
-    G. Wells and C. Torras, "Assessing image features for vision-based robot positioning",
-    Journal of Intelligent and Robotic Systems 30, 2001.
-
-    G. Zheng and S. Billings, "Radial basis function network configuration using mutual
-    information and the orthogonal least squares algorithm", Neural Networks 9(9), 1996.
 
     Examples
     --------

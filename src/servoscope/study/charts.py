@@ -454,10 +454,7 @@ def draw_sweeps(
 CRITERION_STYLES = {
     "ideal_point": {"color": INK, "marker": "o", "linestyle": "-"},
     "ideal_point_corrected": {"color": INK, "marker": "o", "linestyle": ":"},
-    "mrmr": {"color": MUTED, "marker": "s", "linestyle": "-"},
     "jmi": {"color": MUTED, "marker": "^", "linestyle": "--"},
-    "cmim": {"color": MUTED, "marker": "v", "linestyle": ":"},
-    "conditional": {"color": MUTED, "marker": "x", "linestyle": "-."},
     "forecast": {"color": ACCENT, "marker": "D", "linestyle": "-"},
 }
 """Each criterion has its own marker and dashes, so that colour is never needed."""

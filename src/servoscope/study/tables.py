@@ -17,10 +17,7 @@ LABELS = tuple(DOF_LABELS.values())
 CRITERIA = {
     "ideal_point": "ideal point (published)",
     "ideal_point_corrected": "ideal point, corrected",
-    "mrmr": "mRMR",
     "jmi": "JMI",
-    "cmim": "CMIM",
-    "conditional": "conditional information",
     "forecast": "forecast error",
 }
 """The criteria of selection in words."""
