@@ -55,16 +55,7 @@ _SUREST = 2e-5
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """What the images that are there promise.
-
-    Parameters
-    ----------
-    n_images : int
-    keyframe : Keyframe
-        Fitted to them.
-    forecast : AccuracyForecast
-    request : RequestedAccuracy
-    """
+    """What the images that are there promise, by the keyframe that was fitted to them."""
 
     n_images: int
     keyframe: Keyframe
@@ -141,8 +132,6 @@ def take_until(
         What an interrupted acquisition has taken already.
     seed : int
         Draws the displacements; the number of processes changes nothing.
-    n_jobs : int, optional
-        Processes, as joblib counts them.
     on_standing : callable, optional
         Called after every forecast.
 
@@ -206,12 +195,8 @@ def acquire_until(
     config : AcquisitionConfig
         Its `n_images` are the most that are taken; it has no schedule.
     request : RequestedAccuracy
-    n_jobs : int
-        Processes, as joblib counts them; every number of them gives the same images.
     force : bool
         Replace a data set that is there.
-    on_progress : callable, optional
-        Called with the number of images that are written.
     on_standing : callable, optional
         Called after every forecast.
 

@@ -38,22 +38,8 @@ or fill the values in.
 def as_numbers(values: ArrayLike, name: str) -> NDArray[np.float64]:
     """A contiguous array in double precision; its values may be NaN or infinite.
 
-    Parameters
-    ----------
-    values : array
-        Of booleans, integers, floats, or objects that are such numbers.
-    name : str
-        What error messages call it.
-
-    Raises
-    ------
-    InvalidInputError
-        If the values are complex, text, dates or no numbers at all, or some are masked.
-
-    Examples
-    --------
-    >>> as_numbers([1, True], "X")
-    array([1., 1.])
+    What is not of booleans, integers, floats or objects that are such numbers, or is masked, is
+    refused by the name.
     """
     check_unmasked(values, name)
     try:

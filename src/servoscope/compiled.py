@@ -9,12 +9,8 @@ from numba import njit
 
 
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """A decorator that compiles a function, and keeps the result on disk where that can be done.
-
-    Parameters
-    ----------
-    **options
-        Of `numba.njit`.
+    """A decorator that compiles a function by numba, and keeps the result on disk where that can be
+    done.
 
     Examples
     --------

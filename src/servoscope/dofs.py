@@ -28,12 +28,7 @@ _ROUNDING = 1e-9
 
 
 def check_dofs(dofs: Iterable[str]) -> tuple[str, ...]:
-    """The degrees of freedom themselves, in the order of `DOFS`.
-
-    Raises
-    ------
-    InvalidInputError
-        If there are none, one is unknown, or one is named twice.
+    """The degrees of freedom themselves, in the order of `DOFS`: one at least, and each named once.
 
     Examples
     --------
@@ -53,11 +48,6 @@ def check_dofs(dofs: Iterable[str]) -> tuple[str, ...]:
 def parse_dofs(text: str) -> tuple[str, ...]:
     """The degrees of freedom that a text names, with commas between them.
 
-    Raises
-    ------
-    InvalidInputError
-        If it names anything else, or one of them twice.
-
     Examples
     --------
     >>> parse_dofs("tx, ty,rz")
@@ -72,18 +62,12 @@ def mask_of(dofs: Iterable[str]) -> NDArray[np.bool_]:
 
 
 def moving_dofs(delta_p: Array, pivot: float) -> tuple[str, ...]:
-    """The degrees of freedom that displacements move in, and not by the noise of encoders alone.
+    """The degrees of freedom that displacements about the pivot, (n, 6), move in, and not by the
+    noise of encoders alone.
 
     A dof does not move if its deviation is at most `HARDLY_MOVES` of the largest one, rotations
     counting by how far they carry the camera about the pivot, and at most what `ENCODER_NOISE`
     makes of it about the pivot. Fewer than `LEAST_JUDGED` images are not judged.
-
-    Parameters
-    ----------
-    delta_p : ndarray of shape (n, 6)
-        About the pivot, [m] and [rad].
-    pivot : float
-        [m].
 
     Examples
     --------
@@ -112,18 +96,7 @@ _FACTORS = {
 
 @dataclass(frozen=True)
 class RequestedAccuracy:
-    """Largest median errors that are wanted.
-
-    Parameters
-    ----------
-    translation, rotation : float
-        Of each translation, [m], and of each rotation, [rad].
-
-    Raises
-    ------
-    InvalidInputError
-        If they are not positive.
-    """
+    """Largest median errors that are wanted of translations, [m], and of rotations, [rad]."""
 
     translation: float
     rotation: float
@@ -143,26 +116,10 @@ class RequestedAccuracy:
 
 
 def parse_tolerances(text: str, dofs: Iterable[str] = DOFS) -> dict[str, float]:
-    """Tolerances by dof, [mm] and [deg].
+    """Tolerances by dof, [mm] and [deg], in `DOFS` order, of a text such as ``tx=0.5mm,rz=0.1deg``.
 
-    Parameters
-    ----------
-    text : str
-        Such as ``tx=0.5mm,rz=0.1deg``; ``t`` and ``r`` stand for all three of a kind. Units are
-        mm, um and m, or deg, rad and mrad. Empty for none.
-    dofs : iterable of str
-        That there are: ``t`` and ``r`` stand for these alone.
-
-    Returns
-    -------
-    dict of str to float
-        In `DOFS` order.
-
-    Raises
-    ------
-    InvalidInputError
-        If a part is no tolerance, its unit is of the other kind, it is not positive, or a dof is
-        named twice or is none of those there are.
+    ``t`` and ``r`` stand for all dofs of a kind that there are. Units are mm, um and m, or deg, rad
+    and mrad.
 
     Examples
     --------
@@ -213,11 +170,6 @@ def _factor(part: str, dof: str, unit: str) -> float:
 
 def parse_accuracy(text: str) -> RequestedAccuracy:
     """One accuracy for all translations and one for all rotations, both named.
-
-    Raises
-    ------
-    InvalidInputError
-        If the text cannot be read, or does not name both ``t`` and ``r``.
 
     Examples
     --------

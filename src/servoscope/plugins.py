@@ -17,16 +17,9 @@ T = TypeVar("T")
 class Registry(Mapping[str, T], Generic[T]):
     """Objects by name: built in, or added by installed packages.
 
-    A package adds one by an entry point of the group; it is loaded when it is first asked for.
-
-    Parameters
-    ----------
-    group : str
-        Of the entry points, such as ``servoscope.features``.
-    built_in : dict
-    adapt : callable
-        Makes of a name and what its entry point loads an object as the built-in ones are; raises
-        a ValueError or TypeError if it cannot.
+    A package adds one by an entry point of the group, such as ``servoscope.features``; it is loaded
+    when it is first asked for. `adapt` makes of a name and of what was loaded an object as the
+    built-in ones are, or raises a ValueError or TypeError.
 
     Examples
     --------

@@ -95,11 +95,6 @@ def is_rigid(T: ArrayLike, tolerance: float = 1e-4) -> bool:
 def as_rigid(T: ArrayLike, name: str) -> Array:
     """A rigid transform as a new array of shape (4, 4).
 
-    Raises
-    ------
-    InvalidInputError
-        If it is none.
-
     Examples
     --------
     >>> as_rigid(np.eye(3), "T_world_cam")

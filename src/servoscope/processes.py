@@ -50,18 +50,10 @@ def in_processes(
 ) -> Iterator[Any]:
     """What `function` returns for each tuple of arguments, in their order, as they are ready.
 
-    The processes have one BLAS thread each, leave Ctrl-C to this one, and end when it does,
-    however it ends. Where no process can be started, this one does all.
-
-    Parameters
-    ----------
-    function : callable
-    calls : iterable of tuple
-        The arguments of each call.
-    n_jobs : int, optional
-        Processes, as joblib counts them: -1 for all cores, 1 or None for this process alone.
-    **options
-        Of `joblib.Parallel`.
+    The processes have one BLAS thread each, leave Ctrl-C to this one, and end when it does, however
+    it ends. Where no process can be started, this one does all. Everywhere in the package `n_jobs`
+    counts processes as joblib does, -1 for all cores, 1 or None for this process alone, and changes
+    no number; `on_progress` is called with the number of items that are finished.
 
     Raises
     ------

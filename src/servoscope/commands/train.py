@@ -165,20 +165,8 @@ def train(
 
 
 def read_assessment(run: Path, data: PoseImageSet) -> Assessed:
-    """What a model of a data set takes from a run of ``assess`` on it.
-
-    Parameters
-    ----------
-    run : Path
-    data : PoseImageSet
-        Marked as a sequence if it is one.
-
-    Raises
-    ------
-    RunFolderError
-        If the folder holds no finished assessment whose choice was saved.
-    InvalidInputError
-        If that is of another data set.
+    """What a model of a data set takes from a finished run of ``assess`` on it, whose choice was
+    saved.
     """
     import numpy as np
 

@@ -69,18 +69,10 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is wrong with a data set.
+    """Something that is wrong with a data set:
 
-    Parameters
-    ----------
-    name : str
-        What it is, in one word or two with an underscore.
-    text : str
-        What it is and what to do, in a sentence.
-    numbers : dict
-        What it was found by, as plain JSON values.
-    images : tuple of str
-        Names of the images that it is about, if it is about some.
+    its name, what it is and what to do in a sentence, what it was found by, as plain JSON values,
+    and the images that it is about, if it is about some.
     """
 
     name: str
@@ -127,18 +119,9 @@ def check_data(
 def image_faults(
     images: NDArray[np.uint8], T_world_cam: NDArray[np.float64]
 ) -> dict[str, NDArray[np.bool_]]:
-    """Which images are of no use, by reason; each image has one at most.
+    """Which images are of no use, by reason of `IMAGE_FAULTS`; each image has one at most.
 
-    Parameters
-    ----------
-    images : ndarray of shape (n_images, height, width), uint8
-    T_world_cam : ndarray of shape (n_images, 4, 4)
-        [m].
-
-    Returns
-    -------
-    dict of ndarray of shape (n_images,), bool
-        By `IMAGE_FAULTS`. The first of images that repeat is sound.
+    The first of images that repeat is sound.
 
     Examples
     --------

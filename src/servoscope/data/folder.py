@@ -94,18 +94,9 @@ def check_free(folder: Folder, *, force: bool = False) -> None:
 def writing(folder: Folder, *, replace: bool = False, resumable: bool = False) -> Iterator[Path]:
     """Own a folder, and say where a data set for it is to be made.
 
-    Parameters
-    ----------
-    folder : path
-    replace : bool
-        Make it beside the data set that is there, whose place it takes once the block ends well.
-    resumable : bool
-        Go on with what an earlier block made beside it, and leave that if this one fails.
-
-    Raises
-    ------
-    FolderInUseError
-        If another command is writing there.
+    With `replace` that is beside the data set that is there, whose place it takes once the block
+    ends well; with `resumable` what an earlier block made beside it is gone on with, and left if
+    this one fails.
     """
     path = Path(folder)
     with owned(path):
@@ -176,15 +167,7 @@ def finish(
 
 
 def read_meta(folder: Folder) -> dict[str, Any]:
-    """The content of ``meta.json``; a replacement that was interrupted is completed first.
-
-    Raises
-    ------
-    DataSetError
-        If the folder is missing, unfinished or of another version.
-    FolderInUseError
-        If the data set is being replaced, or the replacement cannot be completed.
-    """
+    """The content of ``meta.json``; a replacement that was interrupted is completed first."""
     path = Path(folder)
     if not path.is_dir():
         raise DataSetError(f"{path} is not a folder; name a data set folder.")
@@ -301,16 +284,10 @@ def _poses_as_csv(
 
 
 class Progress(NamedTuple):
-    """How far an unfinished data set has come.
+    """How far an unfinished data set has come:
 
-    Parameters
-    ----------
-    plan : dict
-        What is being made, as plain JSON values.
-    n_done : int
-        How many images are written.
-    n_replaced : int
-        How many of their poses could not be reached and were drawn anew.
+    what is being made, how many images are written, and how many of their poses could not be
+    reached and were drawn anew.
     """
 
     plan: dict[str, Any]

@@ -29,10 +29,6 @@ def shrink_all(images: NDArray[np.uint8], size: int) -> NDArray[np.float32]:
 def image_shifts(before: NDArray[np.float32], after: NDArray[np.float32]) -> Array:
     """By how much images are shifted against others, (n, 2), [px].
 
-    Parameters
-    ----------
-    before, after : ndarrays of shape (n, height, width)
-
     Notes
     -----
     The peak of the correlation of windowed images, whitened by half: whole whitening, as in phase

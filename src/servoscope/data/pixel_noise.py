@@ -47,18 +47,10 @@ def estimate_pixel_noise(image: NDArray[np.uint8]) -> float:
 
 
 def mean_image(images: ArrayLike) -> tuple[NDArray[np.uint8], float | None]:
-    """The mean of images of one view, and the noise of one of them.
+    """The mean, uint8, of images of one view, and the noise of one of them, [grey].
 
-    Parameters
-    ----------
-    images : array of shape (n, height, width), uint8
-
-    Returns
-    -------
-    mean : ndarray of shape (height, width), uint8
-    noise : float or None
-        Standard deviation over the images, in a light that may vary, root mean square over the
-        pixels that are never clipped, [grey]; None of one image, or if all pixels are clipped.
+    That is the standard deviation over the images, in a light that may vary, root mean square over
+    the pixels that are never clipped; None of one image, or if all pixels are clipped.
 
     Examples
     --------

@@ -13,14 +13,7 @@ LARGEST_FACTOR = 4.0
 
 
 class Ring(NamedTuple):
-    """Images whose displacements are drawn from a share of the range.
-
-    Parameters
-    ----------
-    n_images : int
-    factor : float
-        What the range is multiplied by.
-    """
+    """Images whose displacements are drawn from a share of the range."""
 
     n_images: int
     factor: float
@@ -35,17 +28,7 @@ _EXAMPLE = "1000@1.0,400@0.2"
 
 
 def parse_schedule(text: str) -> Schedule:
-    """The rings that a text names: ``N@FACTOR`` each, with commas between them.
-
-    Parameters
-    ----------
-    text : str
-        ``"default"`` stands for `RECOMMENDED`.
-
-    Raises
-    ------
-    InvalidInputError
-        If it cannot be read, or a number is out of its range.
+    """The rings that a text names: ``N@FACTOR`` each, with commas between them, or ``default``.
 
     Examples
     --------
@@ -79,13 +62,8 @@ def format_schedule(schedule: Iterable[tuple[int, float]]) -> str:
 
 
 def check_schedule(schedule: Iterable[tuple[int, float]]) -> Schedule:
-    """The rings themselves, if there may be such.
-
-    Raises
-    ------
-    InvalidInputError
-        If a ring is no pair, has no image or a factor that is not above 0 and up to 4, or if
-        there are more than a million images.
+    """The rings themselves, if each has images and a factor above 0 and up to 4, and all no more
+    than a million images.
     """
     try:
         rings = tuple(Ring(*ring) for ring in schedule)

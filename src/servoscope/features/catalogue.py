@@ -29,19 +29,11 @@ from servoscope.wording import listing
 
 @dataclass(frozen=True)
 class Family:
-    """A family of image features.
+    """A family of image features:
 
-    Parameters
-    ----------
-    title : str
-        What people call it.
-    make : callable
-        An unfitted transformer, ``fit(images, displacements)`` and ``transform(images)``, for so
-        many images to learn from.
-    is_learned : bool
-        Whether the features are fitted to images, so that those images flatter them.
-    is_default : bool
-        Whether an assessment computes it unless families are named.
+    what people call it, what makes an unfitted transformer for so many images to learn from,
+    whether it is fitted to images, which that flatters, and whether an assessment computes it
+    unless families are named.
     """
 
     title: str
@@ -53,12 +45,8 @@ class Family:
 def as_family(name: str, features: Any) -> Family:
     """The family that a transformer makes, or a class or function that makes one.
 
-    Unless it says so itself by an attribute ``is_learned``, it counts as learned.
-
-    Raises
-    ------
-    InvalidInputError
-        If it has no ``fit`` and ``transform``.
+    Unless it says so itself by an attribute ``is_learned``, it counts as learned. What has no
+    ``fit`` and ``transform`` is refused.
     """
     if isinstance(features, Family):
         return features
@@ -132,14 +120,8 @@ def default_families() -> list[str]:
 
 
 def resolve_families(families: Sequence[Any]) -> dict[str, Family]:
-    """The families that names and transformers stand for, by name.
-
-    A transformer is named after its class.
-
-    Raises
-    ------
-    InvalidInputError
-        If a name is unknown or there twice, there is none, or an object is no transformer.
+    """The families that names and transformers stand for, by name; a transformer is named after its
+    class.
 
     Examples
     --------
@@ -167,11 +149,6 @@ def resolve_families(families: Sequence[Any]) -> dict[str, Family]:
 
 def parse_families(names: str) -> list[str]:
     """The families that a list with commas names; the default ones for ``all``.
-
-    Raises
-    ------
-    InvalidInputError
-        If a name is unknown, or there is none.
 
     Examples
     --------

@@ -34,17 +34,8 @@ _WIDTH = 0.6
 
 
 def pool_in_cells(layers: Floats, n_cells: int) -> Floats:
-    """Mean of each layer about each cell, by Gaussian weights.
-
-    Parameters
-    ----------
-    layers : ndarray of shape (..., height, width), float32
-    n_cells : int
-        Cells along either side; no more than there are pixels.
-
-    Returns
-    -------
-    ndarray of shape (..., n_rows, n_columns), float32
+    """Mean of each layer (..., height, width) about each cell of a grid, by Gaussian weights,
+    float32. There are `n_cells` along either side, but no more than pixels.
 
     Examples
     --------
@@ -83,24 +74,12 @@ _BLUR = 0.8
 
 
 def orientation_cells(image: NDArray[Any], size: int, n_cells: int) -> Floats:
-    """How much slope there is in each of 8 directions about each cell of an image.
+    """How much slope there is in each of 8 directions about each cell, (8, n_rows, n_columns),
+    float32. Direction i is i times 45 degrees, from x, along the columns, towards y, down the rows.
 
     Each slope, over its magnitude and twice the mean one, counts for the directions within 90
     degrees of its own by the squared cosine, and for cells by a Gaussian. What comes back is the
     square root of each share in the whole, so that all of them together have unit length.
-
-    Parameters
-    ----------
-    image : ndarray of shape (height, width)
-    size : int
-        Pixels along the longer side of what the slopes are taken of.
-    n_cells : int
-        Cells along either side.
-
-    Returns
-    -------
-    ndarray of shape (8, n_rows, n_columns), float32
-        Direction i is i times 45 degrees, from x, along the columns, towards y, down the rows.
 
     Examples
     --------
@@ -290,22 +269,9 @@ class IntensityMoments(CellMoments):
 
 
 def intensity_cells(image: NDArray[Any], size: int, n_cells: int, gain: float = 1.0) -> Floats:
-    """How much of each cell of an image lies in each of the soft slices about `LEVELS`.
-
-    Parameters
-    ----------
-    image : ndarray of shape (height, width)
-    size : int
-        Pixels along the longer side that a larger image is shrunk to first.
-    n_cells : int
-        Cells along either side.
-    gain : float
-        What the image is multiplied with after its white was determined.
-
-    Returns
-    -------
-    ndarray of shape (6, n_rows, n_columns), float32
-        Square roots of shares that sum to 1 in each cell; the outer slices take what is beyond.
+    """How much of each cell of an image lies in each of the soft slices about `LEVELS`, (6, n_rows,
+    n_columns). Square roots of shares that sum to 1 in each cell; the outer slices take what is
+    beyond. The image is multiplied with `gain` after its white was determined.
 
     Examples
     --------

@@ -106,9 +106,9 @@ def compute_image_basis(
     Notes
     -----
     Eq. 8-11 of the paper. ``X X^T`` is n_pixels x n_pixels; the snapshot method takes the
-    eigenvectors ``v`` of the n_images x n_images matrix ``X^T X`` instead, which has the same eigenvalues, and
-    ``e = X v / sqrt(lambda)``. Products of uint8 images are float32, summed in float64 over
-    blocks of pixels.
+    eigenvectors ``v`` of the n_images x n_images matrix ``X^T X`` instead, which has the same
+    eigenvalues, and ``e = X v / sqrt(lambda)``. Products of uint8 images are float32, summed in
+    float64 over blocks of pixels.
 
     Examples
     --------

@@ -81,17 +81,9 @@ class TchebichefMoments(FixedProjection):
 
 
 def tchebichef_polynomials(n_polynomials: int, n_points: int) -> NDArray[np.float64]:
-    """Orthonormal discrete Tchebichef polynomials of degree 0, 1, ... on 0..n_points - 1.
+    """Orthonormal discrete Tchebichef polynomials of degree 0, 1, ...
 
-    Parameters
-    ----------
-    n_polynomials : int
-        At most `n_points`.
-    n_points : int
-
-    Returns
-    -------
-    ndarray of shape (n_polynomials, n_points)
+    on 0..n_points - 1, a row each.
 
     Notes
     -----

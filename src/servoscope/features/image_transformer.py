@@ -25,19 +25,10 @@ ImageShape = tuple[int, int]
 
 
 def flatten_images(X: Any, image_shape: ImageShape | None) -> tuple[Any, ImageShape]:
-    """Images as rows of pixels, and their height and width.
+    """Images as rows of pixels, (n_images, height * width), and their height and width.
 
-    Parameters
-    ----------
-    X : array of shape (n_images, height, width) or (n_images, height * width)
-        Flat arrays, data frames and sparse matrices are handed back as they are.
-    image_shape : (height, width), optional
-        What flat images are; 1 x n_pixels by default.
-
-    Returns
-    -------
-    flat : array of shape (n_images, height * width)
-    image_shape : (height, width)
+    Flat arrays, data frames and sparse matrices are handed back as they are; `image_shape` says
+    what they are, 1 x n_pixels by default.
 
     Raises
     ------
@@ -177,31 +168,11 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
         return self
 
     def transform(self, X: Any) -> NDArray[np.float64]:
-        """Features of images.
-
-        Parameters
-        ----------
-        X : array of shape (n_images, height, width) or (n_images, height * width)
-
-        Returns
-        -------
-        ndarray of shape (n_images, n_features)
-            In the order of `get_feature_names_out`.
-        """
+        """Features of images, (n_images, n_features), in the order of `get_feature_names_out`."""
         return self._features(self._images_to_transform(X))
 
     def get_feature_names_out(self, input_features: Any = None) -> NDArray[np.object_]:
-        """Names of the features that `transform` gives.
-
-        Parameters
-        ----------
-        input_features : ignored
-            The names do not depend on what the pixels are called.
-
-        Returns
-        -------
-        ndarray of str
-        """
+        """Names of the features that `transform` gives, whatever the pixels are called."""
         check_is_fitted(self)
         return np.array(self._feature_names(), dtype=object)
 

@@ -121,22 +121,7 @@ class LocalFeatureAnalysis(ImageTransformer):
             return projections @ self._whitened(rows * self.image_shape_[1] + columns)
 
     def receptive_field(self, row: int, column: int) -> Array:
-        """The receptive field of a pixel: its column of ``K``, as an image.
-
-        Parameters
-        ----------
-        row, column : int
-            [px].
-
-        Returns
-        -------
-        ndarray of shape (height, width)
-
-        Raises
-        ------
-        InvalidInputError
-            If the pixel is outside the image.
-        """
+        """The receptive field of a pixel: its column of ``K``, as an image (height, width)."""
         check_is_fitted(self)
         height, width = self.image_shape_
         if not (0 <= row < height and 0 <= column < width):
@@ -197,8 +182,8 @@ class LocalFeatureCovariance(LearnedProjection):
     Notes
     -----
     Eq. 15-18 of the paper: the output is ``y = K^T x`` with ``K = E diag(lambda^-1/2) E^T`` (eq.
-    17), its covariance with the displacements ``M = K^T X P`` (eq. 18, as `LocalFeatureAnalysis` has
-    it but not scaled), and the features are ``M^T y``. ``K`` acts twice in them:
+    17), its covariance with the displacements ``M = K^T X P`` (eq. 18, as `LocalFeatureAnalysis`
+    has it but not scaled), and the features are ``M^T y``. ``K`` acts twice in them:
 
     ``M^T y = P^T X^T K K^T x = P^T X^T E diag(1 / lambda_i) E^T x``,
 
@@ -245,17 +230,8 @@ class LocalFeatureCovariance(LearnedProjection):
 
 
 def centre_weighted_mask(window: int) -> NDArray[np.float64]:
-    """Square mask of inverse distances to its centre, summing to 1.
-
-    Parameters
-    ----------
-    window : int
-        Side, [px]; even, so that the centre lies between pixels and no distance is 0.
-
-    Raises
-    ------
-    InvalidInputError
-        If the window is not an even number from 2.
+    """Square mask of inverse distances to its centre, summing to 1; its side must be even, so that
+    the centre lies between pixels.
 
     Examples
     --------
@@ -292,25 +268,9 @@ def filter_centre_weighted(image: NDArray[Any], window: int) -> NDArray[np.float
 
 
 def brightest_separate(image: NDArray[Any], n: int, window: int) -> NDArray[np.intp]:
-    """The brightest pixels that are centres of subwindows which do not overlap.
-
-    Parameters
-    ----------
-    image : ndarray of shape (height, width)
-    n : int
-        How many.
-    window : int
-        Side of a subwindow, [px]: any two pixels are that far apart in row or in column.
-
-    Returns
-    -------
-    ndarray of shape (n, 2)
-        Row and column of each, brightest first. Of equals, the first in reading order.
-
-    Raises
-    ------
-    InvalidInputError
-        If not so many are found.
+    """Row and column (n, 2) of the brightest pixels that are centres of subwindows which do not
+    overlap. Any two are `window` pixels apart in row or in column; of equals, the first in reading
+    order is taken.
 
     Examples
     --------

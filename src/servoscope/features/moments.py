@@ -23,23 +23,11 @@ _U_SQUARED = _U**2
 def compute_raw_moments(
     images: NDArray[np.uint8], slices: Sequence[tuple[int, int]]
 ) -> NDArray[np.int64]:
-    """Raw moments to order 3 of every intensity slice of every image, exactly.
+    """Raw moments to order 3 of every intensity slice of every image, exactly:
 
-    Parameters
-    ----------
-    images : ndarray of shape (n_images, height, width), uint8
-    slices : sequence of (lower, upper)
-        A pixel is in the slice if ``lower <= grey < upper``.
-
-    Returns
-    -------
-    ndarray of shape (n_images, n_slices, 10), int64
-        ``m_ij`` in `ORDERS`, [grey px^(i + j)].
-
-    Raises
-    ------
-    InvalidInputError
-        If the images are so large that a moment might not fit in 64 bits.
+    (n_images, n_slices, 10), int64. They are ``m_ij`` in `ORDERS`, [grey px^(i + j)], of uint8
+    images; a pixel is in a slice if ``lower <= grey < upper``. An image so large that a moment
+    might not fit in 64 bits is refused.
 
     Notes
     -----
@@ -220,18 +208,7 @@ class GeometricMoments(ImageTransformer):
 
 
 def compute_descriptors(raw: NDArray[np.int64], image_shape: ImageShape) -> Array:
-    """The eight descriptors of eq. 2-7 from raw moments; see `GeometricMoments`.
-
-    Parameters
-    ----------
-    raw : ndarray of shape (..., 10), int64
-        As `compute_raw_moments` gives them.
-    image_shape : (height, width)
-
-    Returns
-    -------
-    ndarray of shape (..., 8)
-    """
+    """The descriptors (..., 8) of eq. 2-7 from raw moments (..., 10); see `GeometricMoments`."""
     height, width = image_shape
     m00, m10, m01, m20, m11, m02, m30, _, _, m03 = np.moveaxis(raw, -1, 0)
     empty, mass = m00 == 0, np.maximum(m00, 1)

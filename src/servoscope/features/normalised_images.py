@@ -40,10 +40,7 @@ def working_dtype(flat: NDArray[Any]) -> type[np.floating[Any]]:
 def brightness_gains(flat: NDArray[Any]) -> NDArray[Any]:
     """What each image is multiplied with to have unit length; 0 for a black one.
 
-    Raises
-    ------
-    InvalidInputError
-        If pixels are so large that their squares have no finite sum.
+    Pixels so large that their squares have no finite sum are refused.
 
     Examples
     --------
@@ -68,32 +65,13 @@ def map_blocks(
 ) -> Iterator[BlockResult]:
     """What a function gives for each block of brightness-normalised, centred images.
 
-    Blocks are shared among as many threads as BLAS is allowed, with BLAS itself on one, and
-    their results come in the order of the pixels. Sums of them are therefore the same, bit for
-    bit, for any number of threads. No copy of all the images is ever made.
+    Yielded are the slice of pixels of the block, what was taken from each of them (their own mean
+    by default), and what `compute` gave for (n_images, n_block) values of `working_dtype` and the
+    slice.
 
-    Parameters
-    ----------
-    compute : callable
-        Called with a block of shape (n_images, n_block), of `working_dtype`, and the slice of
-        pixels that it is made of.
-    flat : ndarray of shape (n_images, n_pixels)
-    mean : ndarray of shape (n_pixels,), optional
-        What is taken from every normalised image; their own mean by default.
-
-    Yields
-    ------
-    pixels : slice
-        Which pixels the block is made of.
-    block_mean : ndarray of shape (n_block,)
-        What was taken from each of them.
-    result : object
-        What `compute` gave.
-
-    Raises
-    ------
-    InvalidInputError
-        If pixels are so large that their squares have no finite sum.
+    Blocks are shared among as many threads as BLAS is allowed, with BLAS itself on one, and their
+    results come in the order of the pixels. Sums of them are therefore the same, bit for bit, for
+    any number of threads. No copy of all the images is ever made.
 
     Notes
     -----
@@ -122,18 +100,7 @@ def map_blocks(
 def project_images(
     flat: NDArray[Any], mean: NDArray[np.float64], components: NDArray[Any]
 ) -> NDArray[np.float64]:
-    """Projections of brightness-normalised, centred images onto the rows of `components`.
-
-    Parameters
-    ----------
-    flat : ndarray of shape (n_images, n_pixels)
-    mean : ndarray of shape (n_pixels,)
-        Mean of the normalised images that the components were computed from.
-    components : ndarray of shape (n_components, n_pixels)
-
-    Returns
-    -------
-    ndarray of shape (n_images, n_components)
+    """Projections (n_images, n_components) of brightness-normalised images about a mean.
 
     Examples
     --------
@@ -164,18 +131,8 @@ def _map_in_threads(
 
 
 def mean_and_gram(flat: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean of brightness-normalised images, and their inner products about it.
-
-    Parameters
-    ----------
-    flat : ndarray of shape (n_images, n_pixels)
-
-    Returns
-    -------
-    mean : ndarray of shape (n_pixels,)
-    gram : ndarray of shape (n_images, n_images)
-        ``X X^T`` of the images as rows, normalised and centred. Products of uint8 images are
-        float32, summed in float64 over blocks of pixels.
+    """Mean (n_pixels,) of brightness-normalised images, and their inner products about it, ``X
+    X^T``. Products of uint8 images are float32, summed in float64 over blocks of pixels.
 
     Examples
     --------
@@ -195,16 +152,8 @@ def span_coordinates(flat: NDArray[Any]) -> NDArray[np.float64]:
     """Coordinates of brightness-normalised images along orthonormal directions that span them.
 
     Features that depend on images through their inner products alone, such as eigenfeatures, are
-    the same of these as of the images, but for rounding and signs.
-
-    Parameters
-    ----------
-    flat : ndarray of shape (n_images, n_pixels)
-
-    Returns
-    -------
-    ndarray of shape (n_images, n_directions)
-        No more directions than images; those that rounding may have made are left out.
+    the same of these as of the images, but for rounding and signs. Directions that rounding may
+    have made are left out.
 
     Examples
     --------
@@ -224,15 +173,7 @@ def span_coordinates(flat: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def rounding_variance(flat: NDArray[Any], largest: float) -> float:
-    """Up to what size an eigenvalue of the inner products may be due to rounding.
-
-    Parameters
-    ----------
-    flat : ndarray of shape (n_images, n_pixels)
-        The images, whose number and `working_dtype` matter.
-    largest : float
-        The largest eigenvalue.
-    """
+    """Up to what size an eigenvalue of the inner products of images may be due to rounding."""
     precision = float(np.finfo(working_dtype(flat)).eps)
     share = max(precision, len(flat) * float(np.finfo(np.float64).eps))
     return max(share * largest, len(flat) * precision**2)
@@ -241,19 +182,7 @@ def rounding_variance(flat: NDArray[Any], largest: float) -> float:
 def sum_images(
     flat: NDArray[Any], mean: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> NDArray[Any]:
-    """Weighted sums of brightness-normalised images about their mean.
-
-    Parameters
-    ----------
-    flat : ndarray of shape (n_images, n_pixels)
-    mean : ndarray of shape (n_pixels,)
-    weights : ndarray of shape (n_images, n_sums)
-
-    Returns
-    -------
-    ndarray of shape (n_sums, n_pixels)
-        Of `working_dtype`.
-    """
+    """Weighted sums (n_sums, n_pixels) of brightness-normalised images about their mean."""
     weights = weights.astype(working_dtype(flat))
     sums = np.empty((weights.shape[1], flat.shape[1]), weights.dtype)
     for pixels, _, part in map_blocks(lambda block, _: weights.T @ block, flat, mean):

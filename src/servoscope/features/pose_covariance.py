@@ -157,25 +157,9 @@ class PoseLeastSquares(LearnedProjection):
 
 
 def find_pls_directions(X: Array, Y: Array, n_components: int) -> Array:
-    """Directions of partial least squares by SIMPLS; see `PoseLeastSquares`.
-
-    Parameters
-    ----------
-    X : ndarray of shape (n, n_values)
-        Centred.
-    Y : ndarray of shape (n, n_targets)
-        Centred.
-    n_components : int
-
-    Returns
-    -------
-    ndarray of shape (n_values, n_components)
-        ``X @ directions`` has orthonormal columns.
-
-    Raises
-    ------
-    InvalidInputError
-        If fewer directions covary with the targets.
+    """Directions (n_values, n_components) of partial least squares by SIMPLS; see
+    `PoseLeastSquares`. `X` (n, n_values) and `Y` (n, n_targets) are centred, and ``X @ directions``
+    has orthonormal columns.
     """
     covariance = X.T @ Y
     least = 1e-9 * np.linalg.norm(covariance)

@@ -72,20 +72,9 @@ class RobustProjection:
     def complete(
         self, values: Array, scales: Sequence[float], weights: Array | None = None
     ) -> tuple[Array, Array]:
-        """Values as the eigenvectors have them, and how much each place counts in that.
-
-        Parameters
-        ----------
-        values : ndarray of shape (n, n_values)
-        scales : sequence of float
-            ``t`` of each iteration.
-        weights : ndarray of shape (n, n_places), optional
-            To begin with; all 1 by default.
-
-        Returns
-        -------
-        completed : ndarray of shape (n, n_values)
-        weights : ndarray of shape (n, n_places)
+        """Values (n, n_values) as the eigenvectors have them, and how much each place (n, n_places)
+        counts. `scales` has the ``t`` of each iteration, `weights` what places count to begin with,
+        1 by default.
         """
         n_places = len(self.mean) // self.n_layers
         weights = np.ones((len(values), n_places)) if weights is None else weights.copy()
@@ -169,15 +158,9 @@ class RobustProjection:
 def fit_robust_projection(
     values: Array, n_layers: int, n_components: int, nuisances: Array
 ) -> RobustProjection:
-    """The `RobustProjection` of training values.
-
-    Parameters
-    ----------
-    values : ndarray of shape (n, n_layers * n_places)
-    n_layers : int
-    n_components : int
-        Less than n; fewer are used where values do not vary in as many directions.
-    nuisances : ndarray of shape (n_nuisances, n_layers * n_places)
+    """The `RobustProjection` of training values, (n, n_layers * n_places), with nuisances of that
+    width. Of the components, less than n, fewer are used where values do not vary in as many
+    directions.
     """
     n = len(values)
     mean = values.mean(axis=0)

@@ -23,21 +23,13 @@ JITTER = 1e-9
 class GaussianKernel:
     """Covariance of the targets of two samples.
 
-    ``k(a, b) = signal^2 exp(-1/2 sum_d ((a_d - b_d) / length_scales_d)^2)``
+    k(a, b) = signal^2 exp(-1/2 sum_d ((a_d - b_d) / length_scales_d)^2)
 
-    Parameters
-    ----------
-    centre : ndarray of shape (n_features,)
-        Taken from features before they are scaled, for the sake of precision alone.
-    length_scales : ndarray of shape (n_features,)
-        How far each feature has to go until the target is another, in the feature's own unit;
-        infinite for one that the target does not depend on.
-    signal : float
-        Standard deviation of the target that the features explain, in the target's unit.
-    noise : float
-        Standard deviation of what they do not explain, in the target's unit.
-    offset : float
-        What the target is where nothing is known.
+    A length scale, in the feature's own unit, is how far it has to go until the target is another;
+    infinite for one that the target does not depend on. Signal and noise are the standard
+    deviations of what the features explain of the target and of what they do not; `offset` is the
+    target where nothing is known. The centre is taken from features for the sake of precision
+    alone.
 
     Examples
     --------
@@ -69,19 +61,8 @@ def squared_distances(A: Array, B: Array) -> Array:
 
 
 def inverse_covariance(kernel: GaussianKernel, X: Array) -> tuple[Array, float]:
-    """Inverse of the covariance of noisy targets at samples X, and half the log of its determinant.
-
-    Parameters
-    ----------
-    kernel : GaussianKernel
-    X : ndarray of shape (n, n_features)
-
-    Returns
-    -------
-    inverse : ndarray of shape (n, n)
-        Of ``k(X, X) + noise^2 I``.
-    log_determinant : float
-        Half of that of the covariance itself.
+    """Inverse of the covariance ``k(X, X) + noise^2 I``, and half the log of the covariance's
+    determinant.
     """
     return invert(kernel(X, X), kernel.noise**2 + JITTER * kernel.signal**2)
 
@@ -111,20 +92,9 @@ def invert(covariance: Array, variance: float) -> tuple[Array, float]:
 def leave_out_residuals(
     kernel: GaussianKernel, X: Array, y: Array, groups: NDArray[np.intp] | None = None
 ) -> Array:
-    """Target minus prediction at every sample, from all the samples of other groups.
+    """Target minus prediction (n,) at every sample, from all the samples of other groups.
 
-    Parameters
-    ----------
-    kernel : GaussianKernel
-    X : ndarray of shape (n, n_features)
-    y : ndarray of shape (n,)
-    groups : ndarray of shape (n,), optional
-        Which samples are left out together; by default each by itself.
-
-    Returns
-    -------
-    ndarray of shape (n,)
-        In the target's unit.
+    By default each sample is a group by itself.
 
     Notes
     -----
@@ -157,20 +127,8 @@ def shots_left_out(
 ) -> Array:
     """Target minus prediction at single shots, from the samples of other groups than their own.
 
-    Parameters
-    ----------
-    kernel : GaussianKernel
-    X, y : ndarrays of shape (n, n_features) and (n,)
-        Samples, such as the means of repeated shots.
-    groups : ndarray of shape (n,), optional
-        Which samples are left out together; by default each by itself.
-    shots : ndarrays of shape (n_shots, n_features), (n_shots,) and (n_shots,)
-        Features, targets, and which sample each is a shot of.
-
-    Returns
-    -------
-    ndarray of shape (n_shots,)
-        In the target's unit.
+    The samples may be the means of repeated shots; `shots` are features, targets, and which sample
+    each is a shot of. By default each sample is a group by itself.
 
     Notes
     -----
@@ -200,20 +158,10 @@ def _residuals(inverse: Array, weights: Array, groups: NDArray[np.intp] | None) 
 
 @dataclass(frozen=True, eq=False)
 class KernelPosterior:
-    """A Gaussian process given samples of it.
+    """A Gaussian process given samples of it:
 
-    Parameters
-    ----------
-    kernel : GaussianKernel
-    X : ndarray of shape (n, n_features)
-    y : ndarray of shape (n,)
-
-    Attributes
-    ----------
-    inverse : ndarray of shape (n, n)
-        Of the covariance of the targets.
-    weights : ndarray of shape (n,)
-        Of the covariances with the samples, which add up to the prediction.
+    the inverse of the covariance of their targets, and the weights of the covariances with them,
+    which add up to the prediction.
 
     Notes
     -----
@@ -297,19 +245,8 @@ class _Samples(NamedTuple):
 def fit_kernel(X: Array, y: Array, *, max_iter: int = 60, max_samples: int = 600) -> GaussianKernel:
     """The kernel of largest marginal likelihood, found by L-BFGS from several starts.
 
-    Parameters
-    ----------
-    X : ndarray of shape (n, n_features)
-    y : ndarray of shape (n,)
-    max_iter : int
-    max_samples : int
-        Of more samples than that, so many drawn at random decide; always the same ones.
-
-    Returns
-    -------
-    GaussianKernel
-        In the units of the features and the target. A constant feature has no say; a constant
-        target has no signal.
+    Of more than `max_samples` so many drawn at random decide; always the same ones. A constant
+    feature has no say; a constant target has no signal.
 
     Notes
     -----
@@ -391,12 +328,7 @@ def _search(samples: _Samples, start: Array, max_iter: int) -> tuple[Array, floa
 def negative_log_likelihood(parameters: Array, X: Array, y: Array) -> tuple[float, Array]:
     """Minus the log marginal likelihood and log prior, up to a constant, and its gradient.
 
-    Parameters
-    ----------
-    parameters : ndarray of shape (n_features + 2,)
-        Logarithms of the inverse length scales, of the signal and of the noise.
-    X : ndarray of shape (n, n_features)
-    y : ndarray of shape (n,)
+    The parameters are logarithms of the inverse length scales, of the signal and of the noise.
     """
     weights, (signal, noise) = np.exp(parameters[:-2]), np.exp(parameters[-2:])
     S = X * weights

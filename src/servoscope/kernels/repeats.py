@@ -39,18 +39,10 @@ variance of the features, is of several poses."""
 
 
 def find_repeats(X: Array, y: Array) -> Groups:
-    """Which samples are repeated shots of one pose, and count as one.
+    """Which samples are repeated shots of one pose:
 
-    Parameters
-    ----------
-    X : ndarray of shape (n, n_features)
-    y : ndarray of shape (n,) or (n, n_targets)
-
-    Returns
-    -------
-    ndarray of shape (n,)
-        A number from 0 for each pose, in the order of their first samples. Where no feature
-        varies each sample is by itself.
+    a number from 0 for each, in the order of their first. Where no feature varies each sample is by
+    itself.
 
     Notes
     -----

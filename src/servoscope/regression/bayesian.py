@@ -35,18 +35,10 @@ from servoscope.regression.training import Status
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the samples say of a trained network and of its weight decay.
+    """What `n` samples say of a trained network and of its weight decay.
 
-    Parameters
-    ----------
-    weight_decay : float
-        Under which the network was trained.
-    cost : float
-        Sum of the squared residuals, and the weight decay times the squared weights.
-    n : int
-        Number of samples.
-    eigenvalues : ndarray
-        Of ``J'J``, those that are not zero by count.
+    `cost` is the sum of the squared residuals and of the weight decay times the squared weights;
+    `eigenvalues` are those of ``J'J`` that are not zero by count.
 
     Notes
     -----
@@ -106,20 +98,11 @@ _LEAST_DAMPING = 1e-3
 
 @dataclass(frozen=True)
 class BayesianSettings:
-    """How a network is trained.
+    """How a network is trained:
 
-    Parameters
-    ----------
-    weight_decay : float
-        The one to start with, too strong rather than too weak.
-    fall : float
-        Factor from one decay to the next.
-    n_decays : int
-        Most decays tried.
-    patience : int
-        Decays without more evidence after which no weaker one is tried.
-    steps : LMSettings
-        How the network is trained under each decay, from where it stood under the one before.
+    the weight decay to start with, too strong rather than too weak; the factor from one to the
+    next; how many are tried, and how many without more evidence; and how the network is trained
+    under each, from where it stood under the one before.
     """
 
     weight_decay: float = 10.0
@@ -136,12 +119,8 @@ class BayesianSettings:
 
 @dataclass(frozen=True, eq=False)
 class BayesianResult(LMResult):
-    """What `bayesian_lm` found; its history goes on from one decay to the next.
-
-    Attributes
-    ----------
-    evidence : Evidence
-        Of the decay that was kept.
+    """What `bayesian_lm` found, and the evidence of the decay that was kept; its history goes on
+    from one decay to the next.
     """
 
     evidence: Evidence
@@ -161,21 +140,9 @@ def bayesian_lm(
     settings: BayesianSettings | None = None,
     equations: NormalEquations | None = None,
 ) -> BayesianResult:
-    """Train a network of tanh hidden units and one linear output from the given weights.
-
-    Parameters
-    ----------
-    X, y, weights
-        As of `levenberg_marquardt`.
-    X_val, y_val : ignored
-        Taken so that all ways of training are called alike.
-    settings : BayesianSettings, optional
-    equations : NormalEquations, optional
-        As for `levenberg_marquardt`.
-
-    Returns
-    -------
-    BayesianResult
+    """Train a network as `levenberg_marquardt` does, under the weight decay of the largest
+    evidence. Validation samples are taken, so that all ways of training are called alike, and
+    ignored.
 
     Notes
     -----
@@ -245,17 +212,9 @@ def _result(tried: list[tuple[LMResult, Evidence]], best: int, status: Status) -
 
 @dataclass(frozen=True, eq=False)
 class WeightPosterior:
-    """Laplace's approximation about trained weights.
+    """Laplace's approximation about trained weights, for the inputs (n, k) they were trained on.
 
-    Parameters
-    ----------
-    weights : ndarray of shape (n_weights,)
-    X : ndarray of shape (n, k)
-        Inputs that the network was trained on, as it takes them.
-    weight_decay : float
-        Under which it was trained.
-    noise : float
-        Standard deviation of targets about the network's output.
+    `noise` is the standard deviation of targets about the network's output.
 
     Notes
     -----

@@ -248,13 +248,7 @@ class LMSettings:
 
 @dataclass(frozen=True, eq=False)
 class LMResult(TrainingResult):
-    """What `levenberg_marquardt` found.
-
-    Attributes
-    ----------
-    damping : ndarray of shape (n_iter + 1,)
-        Damping of each step; the starting one comes first.
-    """
+    """What `levenberg_marquardt` found, with the damping of each step, the starting one first."""
 
     damping: NDArray[np.float64]
 
@@ -270,24 +264,10 @@ def levenberg_marquardt(
 ) -> LMResult:
     """Train a network of tanh hidden units and one linear output from the given weights.
 
-    Parameters
-    ----------
-    X : ndarray of shape (n, k)
-        Inputs of about unit scale.
-    y : ndarray of shape (n,)
-        Target of about unit scale.
-    weights : ndarray of shape (h (k + 2) + 1,)
-        Weights to start from, in the order of `servoscope.regression.tanh_network`.
-    X_val, y_val : ndarray of shape (n_val, k) and (n_val,), optional
-        Samples that stop the training and choose its best iteration.
-    settings : LMSettings, optional
-    equations : NormalEquations, optional
-        Made for ``X`` with its column of ones; by default the cheaper of primal and dual form,
-        in single precision. Residuals and weights are always in double precision.
-
-    Returns
-    -------
-    LMResult
+    Inputs (n, k) and target (n,) are of about unit scale; validation samples, if any, stop the
+    training and choose its best iteration. `equations` are made for ``X`` with its column of ones;
+    by default they are the cheaper of primal and dual form, in single precision. Residuals and
+    weights are always in double precision.
 
     Notes
     -----

@@ -43,11 +43,6 @@ paper's. Further ones are added by entry points ``servoscope.regressors``."""
 def make_regressor(regressor: Any) -> Any:
     """A new regressor of that name, or an unfitted copy of that estimator.
 
-    Raises
-    ------
-    InvalidInputError
-        If there is no regressor of that name.
-
     Examples
     --------
     >>> make_regressor("kernel_ridge")

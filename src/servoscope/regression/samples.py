@@ -172,17 +172,8 @@ def check_samples(
 ) -> tuple[Shots, Shots | None]:
     """Training and validation samples in double precision; the estimator learns their width.
 
-    Validation samples of poses that are trained on are training samples: they show nothing of
-    other poses. There are no validation samples if none are left.
-
-    Raises
-    ------
-    InvalidInputError
-        If only one of X_val and y_val is given, values are masked or beyond 1e30, or `poses`
-        is not one value for each sample.
-    ValueError
-        If an array is empty, has the wrong shape or holds NaN or infinity, or there is one
-        training sample.
+    Validation samples of poses that are trained on are training samples: they show nothing of other
+    poses. There are no validation samples if none are left.
     """
     if (X_val is None) != (y_val is None):
         raise InvalidInputError("X_val and y_val belong together: give both, or neither.")
@@ -208,13 +199,7 @@ def least_deviation(y: Array) -> float:
 
 
 def check_arrays(arrays: Mapping[str, Any], names: tuple[str, ...], owner: str) -> list[Array]:
-    """The named arrays in double precision.
-
-    Raises
-    ------
-    InvalidInputError
-        If one is missing.
-    """
+    """The named arrays in double precision; one that is missing is an error."""
     missing = set(names) - set(arrays)
     if missing:
         raise InvalidInputError(

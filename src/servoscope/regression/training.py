@@ -28,22 +28,14 @@ Status = Literal["stopped_early", "converged", "max_iter", "damping_limit"]
 
 @dataclass(frozen=True, eq=False)
 class TrainingResult:
-    """What training from one start gave.
+    """What training from one start gave:
 
-    Attributes
-    ----------
-    weights : ndarray of shape (n_weights,)
-        Those of the best iteration.
-    status : {"stopped_early", "converged", "max_iter", "damping_limit"}
-        Why training ended: the validation error stopped falling, the training error did, the
-        steps ran out, or no damping gave a step that lowers the training error.
-    n_iter : int
-        Number of steps taken.
-    best_iteration : int
-        The step after which the validation error was least; the last one without validation.
-    training_rms, validation_rms : ndarray of shape (n_iter + 1,)
-        Error before the first step and after each, in units of the target; the validation error
-        is NaN without validation.
+    the weights of the best iteration, why it ended, the number of steps, and the errors before the
+    first step and after each, in units of the target.
+
+    It ends where the validation error stopped falling, the training error did, the steps ran out,
+    or no damping gave a step that lowers the training error. Without validation its errors are NaN,
+    and the last iteration is the best.
     """
 
     weights: NDArray[np.float64]
@@ -72,13 +64,8 @@ _N_PARTS = 4
 class EarlyStopping:
     """The points that training passes, the best of them, and for how long none was better.
 
-    Parameters
-    ----------
-    start : Point
-    patience : int
-        Steps without a notably lower validation error after which training is over.
-    min_improvement : float
-        Relative fall of the validation error that counts as notable.
+    Training is over after `patience` steps without a validation error lower by a share of
+    `min_improvement`.
     """
 
     def __init__(self, start: Point, patience: int, min_improvement: float) -> None:
@@ -148,18 +135,9 @@ class Standardisation:
 
 @dataclass(frozen=True, eq=False)
 class TrainedNetwork:
-    """The best of some training runs, with the scales it works in.
+    """The best of some training runs, with the scales it works in, and what each start gave.
 
-    Attributes
-    ----------
-    weights : ndarray of shape (n_weights,)
-    inputs, target : Standardisation
-    results : tuple of TrainingResult
-        One for each start, errors in units of the target.
-    best : int
-        Which of them gave the weights.
-    error : float
-        RMS error at samples that the network was not trained on; NaN where it is not known.
+    `error` is the RMS error at samples that it was not trained on; NaN where that is not known.
     """
 
     weights: Array
@@ -212,12 +190,8 @@ def rms_left_out(shots: Shots, options: Mapping[str, Any]) -> float:
     """RMS error at shots of poses that networks trained in the same way have not seen.
 
     A network without validation samples has no error of its own but that of training, which is as
-    small as its weights are many. So others are trained without each of a few parts of the poses.
-
-    Parameters
-    ----------
-    options : dict
-        Of `train_restarts`; one start is enough here.
+    small as its weights are many. So others are trained without each of a few parts of the poses,
+    from one start.
     """
     n_poses = len(shots.poses.y)
     order = np.random.default_rng(0).permutation(n_poses)
@@ -248,22 +222,7 @@ def _rescale(result: TrainingResult, factor: float) -> TrainingResult:
 
 @dataclass(frozen=True)
 class LBFGSSettings:
-    """How a network is trained.
-
-    Parameters
-    ----------
-    max_iter : int
-        Most steps taken.
-    patience : int
-        Steps without a notably lower validation error after which training stops.
-    weight_decay : float
-        Factor of the squared weights in what is minimised, the squared residuals summed over
-        the samples plus ``weight_decay`` times the squared weights.
-    min_improvement : float
-        Relative fall of the validation error that counts as notable.
-    tol : float
-        Relative fall of what is minimised below which training has converged.
-    """
+    """How a network is trained; names that `LMSettings` has too mean the same."""
 
     max_iter: int = 1000
     patience: int = 50
@@ -284,17 +243,7 @@ def lbfgs(
     y_val: Array | None = None,
     settings: LBFGSSettings | None = None,
 ) -> TrainingResult:
-    """Train a network of tanh hidden units and one linear output from the given weights.
-
-    Parameters
-    ----------
-    X, y, weights, X_val, y_val
-        As of `levenberg_marquardt`.
-    settings : LBFGSSettings, optional
-
-    Returns
-    -------
-    TrainingResult
+    """Train a network as `levenberg_marquardt` does, by L-BFGS.
 
     References
     ----------

@@ -60,18 +60,10 @@ def measure_own(
     n_jobs: int = -1,
     on_progress: Callable[[int], object] | None = None,
 ) -> dict[str, ErrorGrowth]:
-    """How the error of one look of the model grows with a disturbance, by dof.
+    """How the error of one look of the model grows with one of `OWN_DISTURBANCES`, by dof.
 
-    Parameters
-    ----------
-    rehearsal : Rehearsal
-        Its model looks at one image from each of its starts, in views of their own.
-    name : str
-        Of `OWN_DISTURBANCES`.
-    n_jobs : int
-        Processes, as joblib counts them; every number of them gives the same.
-    on_progress : callable, optional
-        Called with the number of images that are done.
+    The model looks at one image from each start of the rehearsal, in views of their own; every
+    number of processes gives the same.
     """
     disturbance = DISTURBANCES[name]
     calls = [
@@ -141,15 +133,7 @@ class RenderedLooks:
     """Images of a `TrueView` from one displacement, as a `Look` is disturbed.
 
     A look of the simulated scene is disturbed, and what that did to its lens, its sensor, its
-    camera's place and its grey levels is done to the rendered image.
-
-    Parameters
-    ----------
-    view : TrueView
-    displacement : ndarray of shape (4, 4)
-        [m].
-    noise : float
-        Standard deviation of the camera's noise, [grey].
+    camera's place and its grey levels is done to the rendered image, with the camera's noise.
     """
 
     view: Any

@@ -68,13 +68,8 @@ Results = Mapping[str, Mapping[str, Any]]
 
 
 def plot_success(results: Results, *, enough: float, ax: Axes | None = None) -> Axes:
-    """Share of the starts that arrive under each condition, with its 95 % interval.
-
-    Parameters
-    ----------
-    results : dict
-    enough : float
-        The share that is marked by a line.
+    """Share of the starts that arrive under each condition, with its 95 % interval and a line at
+    `enough`.
     """
     ax = new_axes() if ax is None else ax
     dress(ax, xlabel="starts that arrive [%]")
@@ -102,14 +97,7 @@ def draw_success(results: Results, enough: float) -> Figure:
 def plot_starts(
     starts: Sequence[Mapping[str, Any]], *, title: str = "", ax: Axes | None = None
 ) -> Axes:
-    """Where in the range the starts lie, and which of them do not arrive.
-
-    Parameters
-    ----------
-    starts : sequence of dict
-        Each with ``shares`` of the range, (6,), and ``succeeded``.
-    title : str
-    """
+    """Where in the range the starts lie, as ``shares`` of it, and which of them do not arrive."""
     ax = new_axes() if ax is None else ax
     dress(ax, title=title)
     shares = np.abs([start["shares"] for start in starts])
@@ -169,20 +157,8 @@ def rehearsal_table(rehearsal: Mapping[str, Any]) -> Table:
 def write_rehearsal(
     folder: Path, rehearsal: Mapping[str, Any], images: Mapping[str, NDArray[np.uint8]]
 ) -> Path:
-    """Write ``rehearsal.html``, ``rehearsal.md`` and ``figures/``.
-
-    Parameters
-    ----------
-    folder : Path
-    rehearsal : dict
-        As in ``rehearsal.json``.
-    images : dict
-        One by its name for each condition.
-
-    Returns
-    -------
-    Path
-        The page: one file that needs neither a network nor the rest of the folder.
+    """Write ``rehearsal.html``, which needs nothing else, ``rehearsal.md`` and ``figures/``;
+    returns the page. `images` has one for each condition.
     """
     results, table = rehearsal["results"], rehearsal_table(rehearsal)
     shown = {name: _thumbnail(image) for name, image in images.items()}

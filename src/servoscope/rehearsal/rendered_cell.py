@@ -37,24 +37,12 @@ _MOST = 3.0
 def light_change(
     keyframe: Keyframe, before: Lighting, after: Lighting, azimuth: float
 ) -> NDArray[np.float32]:
-    """How many times brighter each pixel of the reference view is under other lamps.
+    """How many times brighter each pixel of the reference view is under other lamps, float32.
 
-    The surface is taken to be matt: a lamp of strength s at distance r sheds
-    ``s cos(a) / r^2`` where nothing of the relief stands before it.
-
-    Parameters
-    ----------
-    keyframe : Keyframe
-        Its relief is scaled to stand `STANDOFF` before the camera.
-    before, after : Lighting
-        Over a part that lies in the plane z = 0, [m].
-    azimuth : float
-        The lamps are turned by this about the vertical, [rad]: where they stand is not known.
-
-    Returns
-    -------
-    ndarray of shape (height, width), float32
-        Of the keyframe's reference image; its mean is that of the change of light.
+    The relief is scaled to stand `STANDOFF` before the camera, over a plane z = 0, and its surface
+    taken to be matt: a lamp of strength s at distance r sheds ``s cos(a) / r^2`` where nothing of
+    the relief stands before it. Where the lamps stand is not known: they are turned by an azimuth,
+    [rad]. The mean over the pixels is that of the change of light.
     """
     view = View.of(keyframe.reference_image, min(WIDTH, keyframe.reference_image.shape[1]), 0.0)
     depth = 1 / cv2.medianBlur(view.resize(keyframe.inverse_depth), 5).astype(float)
@@ -111,19 +99,8 @@ _VIEWS = 31
 class RenderedCell(FreeMotion):
     """A robot whose camera sees a `TrueView`; its poses are displacements from the reference.
 
-    Parameters
-    ----------
-    view : TrueView
-    condition : Condition
-        Of its robot and of its images; the light is the view's own.
-    displacement : array of shape (4, 4)
-        Where it starts, exactly, [m].
-    noise : float
-        Standard deviation of the camera's noise, [grey].
-    seed : int
-        Draws what covers the view, the same one in every image.
-    rng : Generator
-        Draws the noise and the errors of motion.
+    The light is the view's own, all else that of the condition. The seed draws what covers the
+    view, the same in every image, `rng` the noise and the errors of motion.
     """
 
     def __init__(
@@ -160,18 +137,9 @@ def cell_at_start(
     seed: int,
     start: int,
 ) -> SimulatedRobot:
-    """A robot at a start under a condition, over a view drawn for the start.
-
-    Parameters
-    ----------
-    model : KeyframeModel
-    errors : OwnErrors
-        Of its keyframe.
-    ranges : ndarray of shape (6,)
-        Largest displacement of a start about the pivot at range 1.0, [m] and [rad].
-    condition : str
-    seed, start : int
-        The direction of the start is that of the scoreboard.
+    """A robot at a start of the scoreboard under a condition, over a view drawn for the start from
+    the errors of the model's keyframe. `ranges` are the largest displacements about the pivot at
+    range 1.0.
     """
     changes, keyframe = CONDITIONS[condition], model.keyframe
     view, azimuth = view_of_start(keyframe, errors, seed, start)

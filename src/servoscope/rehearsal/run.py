@@ -156,9 +156,6 @@ class Rehearsal:
         Parameters
         ----------
         condition : str
-        n_jobs : int
-            Processes, as joblib counts them; every number of them gives the same.
-        progress : ProgressBar
 
         Returns
         -------

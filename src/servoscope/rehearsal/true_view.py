@@ -50,12 +50,6 @@ class Backdrop:
 
     So it moves as a part does when the camera moves, has the texture and the grey levels of the
     view, joins it without an edge, and shows nothing that the keyframe could be aligned with.
-
-    Parameters
-    ----------
-    keyframe : Keyframe
-    width : int
-        Of its images, [px].
     """
 
     def __init__(self, keyframe: Keyframe, width: int) -> None:
@@ -70,18 +64,10 @@ class Backdrop:
         self._image, self._image_camera = self.view.grey, self.camera
 
     def shown_in(self, images: Iterable[tuple[NDArray[Any], Array]]) -> Backdrop:
-        """The backdrop as other images show it beside the reference view.
+        """The backdrop as other images show it beside the reference view, mirrored where none does.
 
-        Parameters
-        ----------
-        images : iterable of (ndarray, ndarray)
-            Real images, each with the motion of the camera to where it was taken (4, 4); the
-            earlier come first.
-
-        Returns
-        -------
-        Backdrop
-            Still mirrored where none of them shows it.
+        Each comes with the motion of the camera to where it was taken (4, 4); the earlier come
+        first.
         """
         height, width = self.view.shape
         f, cx, cy = self.camera.values[:3] / _WIDER
@@ -105,16 +91,12 @@ class Backdrop:
         return other
 
     def render(self, T: Array) -> Array:
-        """Grey levels that are seen of it after a motion of the camera.
+        """Grey levels that are seen of it after a motion of the camera, from the reference camera
+        to this.
 
         A point ``X`` of the plane has ``n . X = 1`` in the reference camera; the ray ``r`` of a
-        camera at ``X' = R X + t`` meets it at ``X' = s r`` with
-        ``s = (1 + n . R^T t) / (n . R^T r)``.
-
-        Parameters
-        ----------
-        T : ndarray of shape (4, 4)
-            Reference camera to this camera.
+        camera at ``X' = R X + t`` meets it at ``X' = s r`` with ``s = (1 + n . R^T t) / (n . R^T
+        r)``.
         """
         R, t = T[:3, :3], T[:3, 3]
         slope = self.rays @ (R @ self.plane)
@@ -124,22 +106,10 @@ class Backdrop:
 
 
 def sample_at(image: NDArray[Any], camera: CameraModel, points: Array, border: int) -> NDArray[Any]:
-    """The image where a camera sees points, interpolated.
+    """The image where the camera that took it sees points (rows, columns, 3), interpolated.
 
-    Parameters
-    ----------
-    image : ndarray of shape (height, width)
-    camera : CameraModel
-        That took it.
-    points : ndarray of shape (rows, columns, 3)
-        Before the camera, of any scale.
-    border : int
-        Of OpenCV: how the image goes on beyond its edges, up to its size; points farther off are
-        seen there.
-
-    Returns
-    -------
-    ndarray of shape (rows, columns)
+    `border`, of OpenCV, says how the image goes on beyond its edges, up to its size; points farther
+    off are seen there.
 
     Examples
     --------

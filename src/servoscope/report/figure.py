@@ -49,17 +49,10 @@ FRAME: dict[str, Any] = {"color": MUTED, "linewidth": 0.5, "scalex": False, "sca
 
 @dataclass(frozen=True)
 class Caption:
-    """Words of a figure.
+    """Words of a figure:
 
-    Parameters
-    ----------
-    title : str
-    text : str
-        What one sees.
-    alt : str
-        What is read aloud in its place.
-    paper_figure : int, optional
-        The figure of the paper that it is the counterpart of.
+    its title, what one sees, what is read aloud in its place, and the figure of the paper that it
+    is the counterpart of.
     """
 
     title: str
@@ -70,15 +63,10 @@ class Caption:
 
 @dataclass(frozen=True, eq=False)
 class FigureOrder:
-    """A figure to be drawn.
+    """A figure to be drawn:
 
-    Parameters
-    ----------
-    name : str
-        Of its file, without the ending.
-    caption : Caption
-    draw : callable
-        Returns the Figure; can be sent to another process.
+    the name of its file, without the ending, its caption, and what returns the Figure, which can be
+    sent to another process.
     """
 
     name: str
@@ -213,15 +201,8 @@ def plot_mosaic(
     ax: Axes | None = None,
     **mapping: Any,
 ) -> Axes:
-    """Pictures row by row, each with its title above.
-
-    Parameters
-    ----------
-    pictures : sequence of ndarray of shape (height, width)
-    titles : sequence of str
-    n_columns : int
-    **mapping
-        How values become colours, as `matplotlib.axes.Axes.imshow` takes it.
+    """Pictures row by row, each with its title above; `mapping`, as of ``imshow``, turns values to
+    colours.
     """
     ax = new_axes() if ax is None else ax
     height, width = pictures[0].shape

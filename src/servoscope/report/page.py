@@ -30,15 +30,7 @@ Part = str | Shown
 
 @dataclass(frozen=True)
 class Section:
-    """A section of a page.
-
-    Parameters
-    ----------
-    title : str
-    parts : sequence of str, Table, FigureFile or Markup
-    name : str
-        Of its place on the page.
-    """
+    """A section of a page: its title, its parts, and the name of its place on the page."""
 
     title: str
     parts: Sequence[Part]
@@ -50,15 +42,7 @@ def write_page(
 ) -> Path:
     """Write a page, whole or not at all; every value is escaped.
 
-    Parameters
-    ----------
-    path : Path
-    title : str
-    sections : sequence of Section
-    kind : str
-        What wrote it.
-    lead : str
-        What it says, in a sentence.
+    `kind` is what wrote it, `lead` what it says, in a sentence.
     """
     environment = Environment(
         loader=PackageLoader("servoscope.report"),

@@ -24,15 +24,9 @@ BOLD = ("best", "missed")
 class Cell:
     """A cell of a table.
 
-    Parameters
-    ----------
-    text : str
-    value : float, optional
-        By which the rows of a page are sorted; the text by default.
-    mark : str
-        Classes of the page's style sheet, such as ``"best"``.
-    beside, below : str
-        In small print after the text, and on a line under it.
+    By its value, or else its text, the rows of a page are sorted; marks are classes of the page's
+    style sheet, such as ``"best"``; `beside` and `below` are in small print after the text, and on
+    a line under it.
     """
 
     text: str

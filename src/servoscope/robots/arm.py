@@ -139,25 +139,10 @@ class Arm:
         return T
 
     def move(self, displacement: ArrayLike) -> Array:
-        """Move by a displacement in the flange's own frame, ``T_new = T_now @ displacement``.
-
-        Parameters
-        ----------
-        displacement : array of shape (4, 4)
-            [m].
-
-        Returns
-        -------
-        ndarray of shape (4, 4)
-            The displacement that the encoders report once the arm stands still, [m].
-
-        Raises
-        ------
-        InvalidInputError
-            If it is not a rigid displacement; the arm has not moved.
-        RobotFaultError
-            If the pose is out of reach or something is in the way; the arm has not moved. Or if
-            it does not come to rest.
+        """Move by a displacement (4, 4), [m], in the flange's own frame, ``T_new = T_now @
+        displacement``. Returns what the encoders report once the arm stands still.
+        `RobotFaultError` says that the pose is out of reach or something is in the way, and the arm
+        has not moved, or that it does not come to rest.
         """
         before = self.pose
         self.move_to(before @ as_rigid(displacement, "displacement"))
@@ -183,17 +168,9 @@ class Arm:
         self.reset(as_rigid(T_world_cam, "T_world_cam") @ inverse_transform(self.mount))
 
     def reset(self, where: ArrayLike = READY) -> None:
-        """Put the arm somewhere at once, at rest; nothing of what it did before remains.
+        """Put the arm at joint angles (6,), [rad], or ``T_world_flange``, [m], at once and at rest.
 
-        Parameters
-        ----------
-        where : array of shape (6,) or (4, 4)
-            Joint angles, [rad], or ``T_world_flange``, [m].
-
-        Raises
-        ------
-        InvalidInputError, RobotFaultError
-            As of `move`.
+        Nothing of what it did before remains.
         """
         where = np.asarray(where, dtype=float)
         if where.shape == (N_JOINTS,):

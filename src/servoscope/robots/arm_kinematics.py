@@ -28,17 +28,7 @@ _COS_ALPHA, _SIN_ALPHA = np.cos(ALPHA).round(15), np.sin(ALPHA).round(15)
 
 
 def link_frames(joints: ArrayLike) -> Array:
-    """Frames of the base and of the six links, the last of which is the flange.
-
-    Parameters
-    ----------
-    joints : array of shape (6,)
-        [rad].
-
-    Returns
-    -------
-    T_base_link : ndarray of shape (7, 4, 4)
-        [m].
+    """Frames (7, 4, 4) of the base and of the six links, the last of which is the flange, [m].
 
     Notes
     -----
@@ -75,43 +65,18 @@ def flange_pose(joints: ArrayLike) -> Array:
 
 
 def jacobian(frames: Array) -> Array:
-    """How fast the flange moves and turns with each joint, in the axes of the base.
+    """How fast the flange moves and turns with each joint, in the axes of the base, (6, 6).
 
-    Parameters
-    ----------
-    frames : ndarray of shape (7, 4, 4)
-        What `link_frames` returns.
-
-    Returns
-    -------
-    ndarray of shape (6, 6)
-        Rows are velocities, [m / rad], and angular velocities; columns are joints.
+    Rows are velocities, [m / rad], and angular velocities; columns are joints.
     """
     axes, origins = frames[:-1, :3, 2], frames[:-1, :3, 3]
     return np.concatenate([np.cross(axes, frames[-1, :3, 3] - origins), axes], axis=1).T
 
 
 def inverse_kinematics(T_base_flange: ArrayLike, start: ArrayLike, limits: ArrayLike) -> Array:
-    """Joint angles near `start` at which the flange has a pose.
+    """Joint angles near `start`, [rad], at which the flange is within `TOLERANCE` of a pose.
 
-    Parameters
-    ----------
-    T_base_flange : array of shape (4, 4)
-        [m].
-    start : array of shape (6,)
-        Joint angles to start from, [rad].
-    limits : array of shape (2, 6)
-        Smallest and largest joint angles, [rad].
-
-    Returns
-    -------
-    joints : ndarray of shape (6,)
-        [rad]; the flange is within `TOLERANCE` of the pose.
-
-    Raises
-    ------
-    RobotFaultError
-        If the pose is not reached within the limits.
+    A pose that is not reached within the smallest and largest angles, `limits` (2, 6), is a fault.
 
     Notes
     -----
@@ -169,22 +134,9 @@ _PEAK_SPEED, _PEAK_ACCELERATION = 15 / 8, 10 / np.sqrt(3)
 
 
 def minimum_jerk(start: Array, goal: Array, timestep: float) -> Array:
-    """Joint angles at every step on the straight way between two postures.
-
-    All joints start and arrive together, and the one that turns farthest keeps just below `SPEED`
-    and `ACCELERATION`.
-
-    Parameters
-    ----------
-    start, goal : ndarray of shape (n_joints,)
-        [rad].
-    timestep : float
-        [s].
-
-    Returns
-    -------
-    ndarray of shape (n_steps, n_joints)
-        [rad]; the last is `goal`.
+    """Joint angles (n_steps, n_joints) on the straight way between two postures; the last is
+    `goal`. All joints start and arrive together, and the one that turns farthest keeps just below
+    `SPEED` and `ACCELERATION`.
 
     Notes
     -----

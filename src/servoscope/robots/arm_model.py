@@ -120,19 +120,7 @@ def arm_mjcf(
     """The arm, the table and a box around the part, in MuJoCo's format.
 
     Joints and actuators are numbered from the base on. Links next to each other may touch.
-
-    Parameters
-    ----------
-    T_world_base : array of shape (4, 4)
-    T_flange_cam : array of shape (4, 4)
-        [m].
-    part_bounds : array of shape (2, 3)
-        Lowest and highest corner of the part; the table is at the lowest, [m].
-    gravity_compensation : bool
-
-    Returns
-    -------
-    str
+    `part_bounds` are the lowest and highest corner of the part, [m]; the table is at the lowest.
     """
     low, high = np.asarray(part_bounds, dtype=float)
     compensation = f'gravcomp="{float(gravity_compensation):g}"'
@@ -206,18 +194,7 @@ _CHECK_EVERY = 0.01
 
 
 class ArmPhysics:
-    """A compiled arm and its state.
-
-    Parameters
-    ----------
-    mjcf : str
-        What `arm_mjcf` returns.
-
-    Raises
-    ------
-    ServoscopeError
-        If MuJoCo is not installed.
-    """
+    """A compiled arm and its state, of what `arm_mjcf` returns."""
 
     def __init__(self, mjcf: str) -> None:
         self._mujoco = _import_mujoco()

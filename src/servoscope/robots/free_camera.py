@@ -18,19 +18,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Repeatability:
-    """How far from where it was sent a robot comes to rest.
+    """How far from where it was sent a robot comes to rest:
 
-    Parameters
-    ----------
-    position : float
-        Standard deviation along each axis, [m].
-    rotation : float
-        Standard deviation about each axis, [rad].
-
-    Raises
-    ------
-    InvalidInputError
-        If either is negative or not finite.
+    standard deviations along and about each axis, [m] and [rad].
     """
 
     position: float = 0.0
@@ -50,16 +40,7 @@ class Repeatability:
 
 
 class FreeMotion:
-    """What moves freely, and comes to rest near where it is sent.
-
-    Parameters
-    ----------
-    T_world_cam : array of shape (4, 4)
-        Where it starts, exactly, [m].
-    repeatability : Repeatability
-    rng : Generator or None
-        Draws the errors of motion; without it there are none.
-    """
+    """What moves freely from exactly a pose, [m], and comes to rest near where it is sent."""
 
     def __init__(
         self,
@@ -83,15 +64,7 @@ class FreeMotion:
     def move(self, displacement: ArrayLike) -> Array:
         """Move by a displacement (4, 4) in the camera's own frame, [m].
 
-        Returns
-        -------
-        ndarray of shape (4, 4)
-            The displacement that was executed, as the robot believes: the one it was sent, [m].
-
-        Raises
-        ------
-        InvalidInputError
-            If it is no rigid transform.
+        Returns what was executed as the robot believes: the displacement it was sent.
         """
         executed = as_rigid(displacement, "displacement")
         self.move_to(self._commanded @ executed)
@@ -105,16 +78,9 @@ class FreeMotion:
 
 
 class FreeCamera(FreeMotion):
-    """The camera of a simulated cell, moved freely.
+    """The camera of a simulated cell, moved freely from where it starts exactly.
 
-    Parameters
-    ----------
-    scene : Scene
-    T_world_cam : array of shape (4, 4)
-        Where it starts, exactly.
-    repeatability : Repeatability
-    rng : Generator, optional
-        Draws the errors of motion and the noise of the sensor; without it there are none.
+    Without `rng` neither motion nor sensor has errors.
 
     Examples
     --------

@@ -43,13 +43,8 @@ class SimulatedRobot(Protocol):
 
 
 class LateImages:
-    """A robot whose camera gives the image of some reads ago.
-
-    Parameters
-    ----------
-    robot : SimulatedRobot
-    late : int
-        How many reads old an image is; the first ones are of where the robot is now.
+    """A robot whose camera gives the image of `late` reads ago; the first ones are of where it is
+    now.
     """
 
     def __init__(self, robot: SimulatedRobot, late: int) -> None:
@@ -125,26 +120,10 @@ def make_robot(
     rng: np.random.Generator | None = None,
     T_world_cam: ArrayLike = T_WORLD_REF,
 ) -> SimulatedRobot:
-    """A robot that stands with its camera at a pose, by default at the reference.
+    """A robot of `ROBOTS` that stands with its camera at a pose, [m], by default at the reference.
 
-    Parameters
-    ----------
-    name : str
-        One of `ROBOTS`.
-    scene : Scene
-    repeatability : Repeatability, optional
-        How far from where it was sent it comes to rest; nowhere but there by default.
-    rng : Generator, optional
-        Draws the errors of motion and the noise of the sensor; without it there are none.
-    T_world_cam : array of shape (4, 4)
-        [m].
-
-    Raises
-    ------
-    InvalidInputError
-        If there is no such robot.
-    RobotFaultError
-        If it cannot carry its camera there.
+    It comes to rest nowhere but where it is sent by default; without `rng` neither motion nor
+    sensor has errors.
 
     Examples
     --------

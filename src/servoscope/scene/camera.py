@@ -71,20 +71,7 @@ class Lens:
         return np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]])
 
     def project(self, points: ArrayLike, image_size: int) -> Array:
-        """Pixels (column, row) at which points in camera coordinates are seen.
-
-        Parameters
-        ----------
-        points : array of shape (..., 3)
-            [m], before the camera.
-        image_size : int
-            [px].
-
-        Returns
-        -------
-        ndarray of shape (..., 2)
-            [px].
-        """
+        """Pixels (column, row) where points (..., 3) in camera coordinates are seen, (..., 2)."""
         points = np.asarray(points, dtype=float)
         ideal = points[..., :2] / points[..., 2:]
         r2 = (ideal**2).sum(axis=-1, keepdims=True)
@@ -93,19 +80,9 @@ class Lens:
         return ideal * (1 + k1 * r2 + k2 * r2**2) * K[0, 0] + K[:2, 2]
 
     def rays(self, pixels: ArrayLike, image_size: int) -> Array:
-        """Directions, in camera coordinates, whose light falls on the pixels (column, row).
+        """Directions (..., 3), in camera coordinates, whose light falls on pixels (column, row).
 
-        Parameters
-        ----------
-        pixels : array of shape (..., 2)
-            [px].
-        image_size : int
-            [px].
-
-        Returns
-        -------
-        ndarray of shape (..., 3)
-            The third coordinate is 1.
+        Their third coordinate is 1.
         """
         K = self.camera_matrix(image_size)
         seen = (np.asarray(pixels, dtype=float) - K[:2, 2]) / K[0, 0]
@@ -175,18 +152,7 @@ class Sensor:
     def read_out(
         self, radiance: NDArray[np.float32], rng: np.random.Generator | None = None
     ) -> NDArray[np.uint8]:
-        """The image that radiance makes.
-
-        Parameters
-        ----------
-        radiance : ndarray of shape (size, size), float32
-        rng : Generator, optional
-            Draws the shot and read noise; without it there is none.
-
-        Returns
-        -------
-        ndarray of shape (size, size), uint8
-        """
+        """The image, uint8, that radiance makes; without `rng` there is no shot and read noise."""
         size = len(radiance)
         sigma = self.blur * size
         light = cv2.GaussianBlur(radiance, (0, 0), sigma) if sigma > 0.1 else radiance
@@ -213,19 +179,9 @@ _RADIANCES = (0.1, 0.9)
 
 @dataclass(frozen=True)
 class Covering:
-    """An opaque rectangle of one grey, fixed in the image.
+    """An opaque rectangle of one grey, fixed in the image, that hides a share of it from 0 to 1.
 
-    Parameters
-    ----------
-    share : float
-        Of the image that it hides, 0 to 1.
-    seed : int
-        Draws its place, its form and its grey.
-
-    Raises
-    ------
-    InvalidInputError
-        If the share is not from 0 to 1, or the seed not a whole number from 0.
+    The seed draws its place, its form and its grey.
 
     Examples
     --------
@@ -256,15 +212,7 @@ def draw_rectangle(
 ) -> tuple[slice, slice]:
     """Where in an image a rectangle of a share of its area lies, to half a row.
 
-    Parameters
-    ----------
-    shape : tuple of 2 ints
-        Height and width, [px].
-    share : float
-        0 to 1.
-    aspects : tuple of 2 floats
-        Least and largest width over height, in an image as high as wide.
-    rng : Generator
+    `aspects` are its least and largest width over height, in an image as high as wide.
     """
     rows, columns = shape
     aspect = np.exp(rng.uniform(*np.log(aspects)))

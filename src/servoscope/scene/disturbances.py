@@ -150,17 +150,8 @@ class Disturbances:
         return cls(**absent | {name: (at, at, 1.0) for name, at in strengths.items()})
 
     def disturb(self, image: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
-        """The image with disturbances drawn from `rng`.
-
-        Parameters
-        ----------
-        image : ndarray of shape (height, width), uint8
-        rng : Generator
-            The same state gives the same image.
-
-        Returns
-        -------
-        ndarray of shape (height, width), uint8
+        """The image, uint8, with disturbances drawn from `rng`; the same state gives the same
+        image.
         """
         return np.rint(self.disturb_grey(image, rng).clip(0, 255)).astype(np.uint8)
 
@@ -230,17 +221,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """What one image is taken of, and from where.
+    """What one image is taken of, and from where:
 
-    Parameters
-    ----------
-    scene : Scene
-    departure : ndarray of shape (4, 4)
-        Where the camera is, in the frame of where it would be undisturbed, [m].
-    added_noise : ndarray of shape `image_shape`, optional
-        Noise on top of the sensor's own, [grey levels].
-    image_shape : tuple of 2 ints, optional
-        Height and width, [px]; that of the scene by default.
+    the scene, where the camera is in the frame of where it would be undisturbed, noise on top of
+    the sensor's own in grey levels, and the height and width of the image, by default those of the
+    scene.
     """
 
     scene: Scene

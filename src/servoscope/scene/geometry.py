@@ -30,15 +30,7 @@ _LIFT = np.float32(2e-4)
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """A part on its table, ready for rays.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    tree : embreex.rtcore_scene.EmbreeScene
-    sky : ndarray of shape (n_vertices,)
-        Share of the ambient light that reaches each vertex.
-    """
+    """A part on its table, ready for rays, and the share of the ambient light at each vertex."""
 
     mesh: Mesh
     tree: Any
@@ -54,18 +46,7 @@ def geometry_of(part: CylinderHead) -> Geometry:
 
 
 def share_of_sky(tree: Any, points: Floats, normals: Floats) -> Floats:
-    """Share of the ambient light that reaches each point, weighted by the cosine law.
-
-    Parameters
-    ----------
-    tree : embreex.rtcore_scene.EmbreeScene
-    points, normals : ndarray of shape (n_points, 3), float32
-        [m]; unit length.
-
-    Returns
-    -------
-    ndarray of shape (n_points,), float32
-    """
+    """Share of the ambient light that reaches each point, [m], weighted by the cosine law."""
     points = points + _LIFT * normals
     across = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
     tangent = np.cross(normals, across)
@@ -109,13 +90,8 @@ _INSET = np.float32(0.02)
 
 
 def face_states(geometry: Geometry, lamps: Floats) -> NDArray[np.uint8]:
-    """The state of each face under each lamp, shape (n_triangles, n_lamps).
-
-    Parameters
-    ----------
-    geometry : Geometry
-    lamps : ndarray of shape (n_lamps, 4), float32
-        Position and strength of each.
+    """The state of each face under each lamp, (n_triangles, n_lamps); lamps are positions and
+    strengths.
     """
     vertices, triangles = geometry.mesh.vertices, geometry.mesh.triangles
     points, faces = _points_on_faces(vertices, triangles)

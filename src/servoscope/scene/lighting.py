@@ -15,20 +15,8 @@ from servoscope.errors import InvalidInputError
 class PointLight:
     """A small lamp that shines alike in every direction.
 
-    A white surface at the distance r, its normal at the angle a to the light, scatters the
-    radiance ``strength cos(a) / r^2``.
-
-    Parameters
-    ----------
-    position : tuple of 3 floats
-        In the world, [m].
-    strength : float
-        [m^2].
-
-    Raises
-    ------
-    InvalidInputError
-        If a number is not finite, or the strength is negative.
+    A white surface at the distance r, its normal at the angle a to the light, scatters the radiance
+    ``strength cos(a) / r^2``. The position is in the world, [m], the strength in [m^2].
     """
 
     position: tuple[float, float, float]
@@ -45,20 +33,10 @@ class PointLight:
 
 @dataclass(frozen=True)
 class Lighting:
-    """Everything that shines on the cell.
+    """Everything that shines on the cell:
 
-    Parameters
-    ----------
-    lamps : tuple of PointLight
-        Each throws shadows.
-    ambient : float
-        Radiance that a white surface under open sky scatters from the light that comes from
-        all around.
-
-    Raises
-    ------
-    InvalidInputError
-        If the ambient light is negative or not finite.
+    lamps, which throw shadows, and the radiance that a white surface under open sky scatters from
+    the light that comes from all around.
     """
 
     lamps: tuple[PointLight, ...] = (
@@ -79,19 +57,9 @@ class Lighting:
 
 @dataclass(frozen=True)
 class Falloff:
-    """A factor of the light that falls evenly from one side of the view to the other.
+    """A factor of the light that falls evenly from the brightest to the darkest side of the view.
 
-    Parameters
-    ----------
-    bright, dark : float
-        The factor at the brightest and at the darkest corner or side.
-    seed : int
-        Draws the direction.
-
-    Raises
-    ------
-    InvalidInputError
-        If a factor is negative or not finite.
+    The seed draws the direction.
 
     Examples
     --------

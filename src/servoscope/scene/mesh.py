@@ -122,19 +122,10 @@ class Mesh:
 
 
 def mesh_from_solid(solid: Manifold, material_of: dict[int, Material]) -> Mesh:
-    """The surface of a solid, smooth but for its creases.
+    """The surface, [m], of a solid, [mm], smooth but for its creases.
 
-    Parameters
-    ----------
-    solid : Manifold
-        [mm].
-    material_of : dict
-        Which material each original solid (by its `original_id`) left on the surface.
-
-    Returns
-    -------
-    Mesh
-        [m].
+    `material_of` says which material each original solid, by its `original_id`, left on the
+    surface.
     """
     raw = solid.calculate_normals(0, CREASE_DEG).to_mesh()
     values = np.asarray(raw.vert_properties)

@@ -25,15 +25,7 @@ _COUNT, _PER_METRE = np.int32(N_TEXELS), np.float32(1 / TEXEL)
 
 
 def plane_radiance(scene: Scene, part: TexturedPlane, T_world_cam: Floats) -> Floats:
-    """The light that falls on each pixel from a plane, shape (image_size, image_size).
-
-    Parameters
-    ----------
-    scene : Scene
-        Its part is not looked at.
-    part : TexturedPlane
-    T_world_cam : ndarray of shape (4, 4), float32
-        [m].
+    """The light that falls on each pixel from a plane in place of the scene's part.
 
     Notes
     -----
@@ -119,19 +111,8 @@ def _texel_at(texels, start, level, u, v):  # type: ignore[no-untyped-def]
 def render(
     scene: Scene, T_world_cam: ArrayLike, rng: np.random.Generator | None = None
 ) -> NDArray[np.uint8]:
-    """The image that the camera takes from a pose.
-
-    Parameters
-    ----------
-    scene : Scene
-    T_world_cam : array of shape (4, 4)
-        [m].
-    rng : Generator, optional
-        Draws the noise of the sensor; without it there is none.
-
-    Returns
-    -------
-    ndarray of shape (image_size, image_size), uint8
+    """The image, uint8, that the camera takes from a pose, [m]; without `rng` its sensor has no
+    noise.
 
     Examples
     --------
@@ -152,18 +133,7 @@ def prepare(scene: Scene) -> None:
 
 
 def render_radiance(scene: Scene, T_world_cam: ArrayLike) -> NDArray[np.float32]:
-    """The light that falls on each pixel, 1 being white under full light.
-
-    Parameters
-    ----------
-    scene : Scene
-    T_world_cam : array of shape (4, 4)
-        [m].
-
-    Returns
-    -------
-    ndarray of shape (image_size, image_size), float32
-    """
+    """The light that falls on each pixel, 1 being white under full light, float32."""
     pose = np.asarray(T_world_cam, dtype=np.float32)
     if isinstance(scene.part, TexturedPlane):
         radiance = plane_radiance(scene, scene.part, pose)
@@ -175,19 +145,8 @@ def render_radiance(scene: Scene, T_world_cam: ArrayLike) -> NDArray[np.float32]
 
 
 def render_depth(scene: Scene, T_world_cam: ArrayLike) -> NDArray[np.float32]:
-    """Depth along the camera's z of what the middle of each pixel sees.
-
-    Parameters
-    ----------
-    scene : Scene
-        Its covering is looked through.
-    T_world_cam : array of shape (4, 4)
-        [m].
-
-    Returns
-    -------
-    ndarray of shape (image_size, image_size), float32
-        [m]; infinite where a ray meets nothing.
+    """Depth along the camera's z, [m], of what the middle of each pixel sees, its covering left
+    out. It is infinite where a ray meets nothing.
 
     Examples
     --------

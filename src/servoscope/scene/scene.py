@@ -68,19 +68,7 @@ PARTS: dict[str, Callable[[int], Part]] = {
 
 
 def make_part(name: str, variant: int = 0) -> Part:
-    """The part of a name.
-
-    Parameters
-    ----------
-    name : str
-        One of `PARTS`.
-    variant : int
-        Another number gives another part of the kind.
-
-    Raises
-    ------
-    InvalidInputError
-        If there is no such part.
+    """The part of a name in `PARTS`; another variant is another part of the kind.
 
     Examples
     --------

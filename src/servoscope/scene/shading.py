@@ -110,25 +110,9 @@ def shade(
 ) -> int:
     """Write the radiance along rays, but for what lamps may add that may be hidden.
 
-    Parameters
-    ----------
-    rays : ndarray of shape (n_rays, 3), float32
-    ray_of : ndarray of shape (n_rays,), int32
-        Where in `radiance` each has its place.
-    hits : Hits
-    centre : ndarray of shape (3,), float32
-        Where all rays start, [m].
-    part : Part
-    table : Table
-    radiance : ndarray, float32
-        Written.
-    doubts : Doubts
-        Written; with room for a ray from each of `rays` to each lamp.
-
-    Returns
-    -------
-    int
-        How many doubts there are.
+    `ray_of` is where in `radiance` each ray has its place; all start at `centre`, [m]. Written are
+    `radiance` and `doubts`, which has room for a ray from each to each lamp. Returns how many
+    doubts there are.
     """
     vertices, normals, open_sky, triangles, materials, states, looks, grain = part
     lamps, count = table.lamps, 0

@@ -37,30 +37,11 @@ def aim(
 ) -> int:
     """Turn pixels into rays; the table answers those that pass the part by.
 
-    Parameters
-    ----------
-    corners : ndarray of shape (n + 1, n + 1, 2), float32
-        Camera coordinates, at unit depth, of the corners of the n x n pixels.
-    pixels : ndarray of shape (n_pixels,), int32
-        Row times n plus column.
-    offset : tuple of 2 float32
-        Where in each pixel rays pass, from its left and top, [px].
-    rotation, centre : ndarray of shapes (3, 3) and (3,), float32
-        Of the camera, camera to world.
-    bounds : ndarray of shape (2, 3), float32
-        A box about the part.
-    table : Table
-    radiance : ndarray of shape (n_pixels,), float32
-        Written for the rays that pass the box by.
-    rays : ndarray of shape (n_pixels, 3), float32
-        Written: directions, in the world, of the rays that meet the box.
-    ray_of : ndarray of shape (n_pixels,), int32
-        Written: which of all the rays those are.
-
-    Returns
-    -------
-    int
-        How many rays meet the box.
+    `corners` (n + 1, n + 1, 2) of the n x n pixels are in camera coordinates, at unit depth;
+    `pixels` are row times n plus column, `offset` is where in each rays pass, from its left and
+    top, [px]. Rotation and centre are of the camera to the world, `bounds` (2, 3) are a box about
+    the part. Written are the radiance of the rays that pass the box by, the directions of the
+    others in the world, and which of all the rays those are. Returns how many meet the box.
     """
     z, albedo, grid, x0, y0, cell, lamps, ambient = table
     n, count = np.uint32(corners.shape[0] - 1), 0
@@ -152,22 +133,9 @@ _MIDDLE, _RIGHT, _BELOW = (0.5, 0.5), (1.0, 0.5), (0.5, 1.0)
 
 
 def traced_radiance(scene: Scene, part: CylinderHead, T_world_cam: Floats) -> Floats:
-    """The light that falls on each pixel from a part and its table.
+    """The light that falls on each pixel from a part, in place of the scene's, and its table.
 
-    One ray is cast through the middle of each pixel, and one more between pixels that differ
-    from each other.
-
-    Parameters
-    ----------
-    scene : Scene
-        Its part is not looked at.
-    part : CylinderHead
-    T_world_cam : ndarray of shape (4, 4), float32
-        [m].
-
-    Returns
-    -------
-    ndarray of shape (image_size, image_size), float32
+    One ray is cast through the middle of each pixel, and one more between pixels that differ.
     """
     size = scene.image_size
     cell = _cell(part, scene.lighting)

@@ -43,19 +43,10 @@ def start_pose(
     pivot: float = PIVOT,
     T_reported_cam: Array | None = None,
 ) -> Array:
-    """``T_world_cam`` of a start, (4, 4), [m]: the same direction for every factor.
+    """``T_world_cam`` of a start, (4, 4), [m]:
 
-    Parameters
-    ----------
-    seed, start : int
-    factor : float
-        Of the range.
-    dofs : tuple of str
-        In which it is displaced.
-    pivot : float
-        Distance from the camera of the point that it is turned about, [m].
-    T_reported_cam : ndarray of shape (4, 4), optional
-        Camera to the frame in whose axes it is displaced, [m]; its own by default.
+    the same direction for every factor of the range. It is displaced in some dofs about the pivot,
+    in the axes of the frame that is reported.
     """
     T_reported_cam = np.eye(4) if T_reported_cam is None else T_reported_cam
     delta_p = factor * RANGES * start_direction(seed, start) * mask_of(dofs)
@@ -75,11 +66,6 @@ def robot_at_start(
     """A robot with its camera at a start, under a condition.
 
     Its noise and its errors of motion are the same for every method.
-
-    Raises
-    ------
-    RobotFaultError
-        If it cannot carry the camera there.
     """
     robot = CONDITIONS[condition].robot
     return robot_in_cell(scene, 0, robot, condition, image_size, seed, start)
@@ -99,13 +85,8 @@ def robot_in_cell(
     """A robot over a part, with its camera at a start, under all of a condition but its robot.
 
     Its first image takes no longer than the others: the scene is prepared here. The start is
-    displaced in some dofs about a pivot, see `start_pose`, by default in those of the condition:
-    of the frame that the robot reports if they are not all six.
-
-    Raises
-    ------
-    RobotFaultError
-        If it cannot carry the camera there.
+    displaced in some dofs about a pivot, see `start_pose`, by default in those of the condition: of
+    the frame that the robot reports if they are not all six.
     """
     changes = CONDITIONS[condition]
     trained = scene_of_training(part, image_size, variant)

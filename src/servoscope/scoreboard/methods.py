@@ -75,17 +75,8 @@ class Mounted:
 def make_photometric(
     scene: str, data: PoseImageSet, acquired: AcquisitionConfig, depth_factor: float
 ) -> Estimator:
-    """Photometric servoing that is given the camera, its mount and the depth of every pixel.
-
-    Parameters
-    ----------
-    scene : str
-    data : PoseImageSet
-        Its reference image is what is aimed at; its range bounds the workspace.
-    acquired : AcquisitionConfig
-        What it was asked for with.
-    depth_factor : float
-        The depth that is given, relative to the truth.
+    """Photometric servoing that is given the camera, its mount and the depth of every pixel, by a
+    factor. The reference image of the data is what is aimed at; its range bounds the workspace.
     """
     robot = robot_at_reference(scene, acquired.robot, acquired.image_size)
     seen = acquired.scene()

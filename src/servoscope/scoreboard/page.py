@@ -69,13 +69,8 @@ LEAST_MM = 0.01
 
 
 def plot_trajectories(paths: Paths, *, title: str = "", ax: Axes | None = None) -> Axes:
-    """Position error against the images taken, of every method.
-
-    Parameters
-    ----------
-    paths : dict of sequences of sequences of float
-        By method and start, [mm]; a run that has ended stays where it is.
-    title : str
+    """Position error, [mm], against the images taken, of every method; a run that ended stays where
+    it is.
     """
     ax = new_axes() if ax is None else ax
     dress(ax, title=title, xlabel="looks, 1 at the start", ylabel="position error [mm]")
@@ -139,20 +134,8 @@ def scoreboard_table(scoreboard: dict[str, Any], scene: str) -> Table:
 def write_scoreboard(
     folder: Path, scoreboard: dict[str, Any], trials: Mapping[str, Trials]
 ) -> Path:
-    """Write ``scoreboard.html``, ``scoreboard.md`` and ``figures/trajectories.png``.
-
-    Parameters
-    ----------
-    folder : Path
-    scoreboard : dict
-        As in ``scoreboard.json``.
-    trials : dict
-        The trials by scene, condition and method.
-
-    Returns
-    -------
-    Path
-        The page: one file that needs neither a network nor the rest of the folder.
+    """Write ``scoreboard.html``, which needs nothing else, ``scoreboard.md`` and the figure;
+    returns the page.
     """
     draw = partial(draw_trajectories, _panels(trials))
     figures = draw_figures(

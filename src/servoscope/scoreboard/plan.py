@@ -143,18 +143,7 @@ _DATA_SET = ("meta.json", "images.zarr")
 
 
 class Factory:
-    """Makes the estimators of one scene and one robot.
-
-    Parameters
-    ----------
-    folder : Stages
-    plan : Plan
-    scene, robot : str
-    dofs : tuple of str
-        That the robot has.
-    n_jobs : int
-    progress : ProgressBar
-    """
+    """Makes the estimators of one scene and one robot, which has some dofs."""
 
     def __init__(
         self,
@@ -191,13 +180,8 @@ class Factory:
             self.folder.run_stage(f"train_{name}", inputs, partial(self._train, method), made)
 
     def estimator(self, method: str, depth_factor: float) -> Estimator:
-        """The estimator of a method, once all is prepared.
-
-        Parameters
-        ----------
-        method : str
-        depth_factor : float
-            The depth that photometric servoing is given, relative to the truth.
+        """The estimator of a method, once all is prepared; photometric servoing is given this depth
+        factor.
         """
         if method not in LEARNERS:
             with one_blas_thread():

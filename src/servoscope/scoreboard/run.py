@@ -30,15 +30,8 @@ TRIALS_PER_CALL = 5
 class Scoreboard:
     """The comparison of all methods; `run` goes through what is not finished yet.
 
-    Parameters
-    ----------
-    folder : Stages
-        Images, models, trials and ``scoreboard.json`` are written there.
-    plan : Plan
-    n_jobs : int
-        Processes, as joblib counts them; all cores by default. Every number of them gives the same
-        trials, but for the time that decisions take.
-    progress : ProgressBar
+    Images, models, trials and ``scoreboard.json`` are written in the folder. Every number of
+    processes gives the same trials, but for the time that decisions take.
     """
 
     def __init__(

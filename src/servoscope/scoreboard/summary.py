@@ -43,17 +43,10 @@ _STOPPED = (
 
 @dataclass(frozen=True)
 class Target:
-    """One target of one scene.
+    """One target of one scene:
 
-    Parameters
-    ----------
-    scene, condition : str
-    what : str
-        What is measured, in words.
-    wanted : str
-    got : float or None
-        None where there was nothing to measure.
-    reached : bool
+    what is measured, what is wanted, what came out, None where there was nothing to measure, and
+    whether it is reached.
     """
 
     scene: str
@@ -119,19 +112,11 @@ def _no_escape(scene: str, trials: Trials) -> Target:
 
 
 def summarise(trials: Sequence[Trial]) -> dict[str, Any]:
-    """The numbers of one method under one condition, as plain JSON values.
+    """The numbers of one method under one condition, of one trial at least, as plain JSON values.
 
-    Parameters
-    ----------
-    trials : sequence of Trial
-        One at least.
-
-    Returns
-    -------
-    dict
-        ``moves_median`` is over the trials that succeeded, ``moves_to_success_median`` over those
-        that ever came within 1 mm and 0.1 deg; None where there are none. ``final_`` and
-        ``start_`` are over all trials, failures too.
+    ``moves_median`` is over the trials that succeeded, ``moves_to_success_median`` over those that
+    ever came within 1 mm and 0.1 deg; None where there are none. ``final_`` and ``start_`` are over
+    all trials, failures too.
     """
     final_mm = [trial.end_mm for trial in trials]
     succeeded = [trial.moves for trial in trials if trial.succeeded]

@@ -114,19 +114,7 @@ def run_trial(
 ) -> Trial:
     """Let the loop bring a robot to where another stands, and record how it went.
 
-    Parameters
-    ----------
-    robot : SimulatedRobot
-        At its start.
-    reference : SimulatedRobot
-        Stands at the reference and is not moved.
-    estimator : Estimator
-    settings : LoopSettings
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If the loop was interrupted: half a trial is none.
+    Interrupted, it raises KeyboardInterrupt: half a trial is none.
     """
     poses: list[Array] = []
     result = Positioner(estimator, settings).run(

@@ -117,23 +117,8 @@ def rank_greedily(
 ) -> Ranking:
     """Rank features by a score that depends on those selected so far.
 
-    Parameters
-    ----------
-    relevance : ndarray of shape (n_candidates,)
-    pairwise : ndarray of shape (n_candidates, n_candidates)
-    n_features : int
-        How many features to rank; all of them if there are fewer.
-    scores : callable
-        Of equal candidates the one of lowest index is selected.
-
-    Returns
-    -------
-    Ranking
-
-    Raises
-    ------
-    InvalidInputError
-        If `n_features` is not a positive integer.
+    All features are ranked if there are fewer than `n_features`; of equal candidates the one of
+    lowest index is selected.
     """
     if not isinstance(n_features, Integral) or n_features < 1:
         raise InvalidInputError(f"n_features must be 1 or more, got {n_features!r}.")

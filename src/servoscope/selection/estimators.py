@@ -106,25 +106,10 @@ def information_bias(
 ) -> NDArray[np.float64]:
     """Bias of `mutual_information`, estimated, [bits].
 
-    Parameters
-    ----------
-    X : array of shape (n_samples, n_features)
-    y : array of shape (n_samples,) or (n_samples, n_targets)
-    n_bins : int
-    correction : {"miller_madow", "permutation"}
-        ``"miller_madow"`` holds for related and unrelated variables alike, if it is somewhat small
-        where cells expect less than a sample; it is negative where one variable determines nearly
-        all of the other. ``"permutation"`` is the mean of unrelated variables, over all orders of
-        the samples; for related variables, which fill fewer cells, it is too large.
-
-    Returns
-    -------
-    ndarray of shape (n_features,) or (n_features, n_targets)
-
-    Raises
-    ------
-    InvalidInputError
-        If the samples do not fit, or the correction is unknown.
+    ``"miller_madow"`` holds for related and unrelated variables alike, if it is somewhat small
+    where cells expect less than a sample; it is negative where one variable determines nearly all
+    of the other. ``"permutation"`` is the mean of unrelated variables, over all orders of the
+    samples; for related variables, which fill fewer cells, it is too large.
 
     Notes
     -----

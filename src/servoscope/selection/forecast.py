@@ -166,8 +166,6 @@ def forecast_errors(
         count as one. They are found by default (`servoscope.kernels.find_repeats`).
     coverage : float
         Of the interval, 0 to 1.
-    n_jobs : int, optional
-        Processes, as joblib counts them; this one alone by default.
     max_samples, max_iter : int
         How many samples choose a kernel, and for how long.
 
@@ -385,8 +383,6 @@ def crossfit_forecast(
         Parts that are left out in turn, 2 at least.
     coverage, n_jobs, max_samples, max_iter
         As of `forecast_errors`.
-    on_progress : callable, optional
-        Called with the number of folds whose features are there.
 
     Returns
     -------

@@ -84,24 +84,8 @@ def _codes(
 
 
 def quantile_codes(X: NDArray[np.float64], n_bins: int = 10) -> Codes:
-    """Number of the bin of equal frequency that every value falls in, one row a column of `X`.
-
-    Equal values fall in the same bin, so that bins of a column with ties differ in number.
-
-    Parameters
-    ----------
-    X : ndarray of shape (n_samples, n_columns)
-    n_bins : int
-        2 to 256.
-
-    Returns
-    -------
-    ndarray of shape (n_columns, n_samples), uint8
-
-    Raises
-    ------
-    InvalidInputError
-        If `n_bins` is out of range.
+    """Number of the bin of equal frequency that every value falls in, one row a column of `X`,
+    uint8. Equal values fall in the same bin, so that bins of a column with ties differ in number.
 
     Examples
     --------
@@ -183,12 +167,8 @@ def information_of_codes(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Information of every variable of `a` about every one of `b`, and its bias, [bits].
 
-    Returns
-    -------
-    information : ndarray of shape (len(a), len(b))
-        ``I(a; b)`` from relative frequencies, at least 0; symmetric if `b` is `a` itself.
-    bias : ndarray of shape (len(a), len(b))
-        Miller-Madow's estimate of how much of that is chance.
+    The one is from relative frequencies, at least 0 and symmetric if `b` is `a` itself; the other
+    is Miller-Madow's estimate of how much of that is chance.
     """
     n_samples = a.shape[1]
     sums, excess = _information(a, b, n_bins, n_log_n_table(n_samples), b is a)
@@ -217,22 +197,9 @@ def conditional_information(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Information of every feature about the target given the condition, and its bias, [bits].
 
-    Parameters
-    ----------
-    features : ndarray of shape (n_features, n_samples), uint8
-    target : ndarray of shape (n_samples,), uint8
-    condition : ndarray of shape (n_samples,) of int
-        Samples of equal number are under the same condition.
-    n_bins : int
-        Of the features and of the target.
-
-    Returns
-    -------
-    information : ndarray of shape (n_features,)
-        ``I(f; y | z)`` from relative frequencies, at least 0.
-    bias : ndarray of shape (n_features,)
-        Miller-Madow's estimate of how much of that is chance. There are as many cells as
-        conditions times bins times bins, and few samples for each: it may be most of it.
+    The one is ``I(f; y | z)`` from relative frequencies, at least 0; the other is Miller-Madow's
+    estimate of how much of that is chance. There are as many cells as conditions times bins times
+    bins, and few samples for each: it may be most of it.
     """
     order = np.argsort(condition, kind="stable")
     changes = np.flatnonzero(np.diff(condition[order])) + 1
@@ -270,16 +237,6 @@ _NEGLIGIBLE = 1e-17
 
 def expected_information(a: Codes, b: Codes, n_bins: int) -> NDArray[np.float64]:
     """Mean mutual information of every two variables over all orders of their samples, [bits].
-
-    Parameters
-    ----------
-    a, b : ndarrays of shape (n_variables, n_samples), uint8
-    n_bins : int
-
-    Returns
-    -------
-    ndarray of shape (len(a), len(b))
-        Exactly 0 for a constant.
 
     Notes
     -----

@@ -133,29 +133,9 @@ def rank_ideal_point_corrected(
 def redundancy_bias(
     X: ArrayLike, ranking: Ranking, n_bins: int = 10, correction: str = "miller_madow"
 ) -> NDArray[np.float64]:
-    """How much of the redundancy at each step of a ranking is bias, [bits].
-
-    Parameters
-    ----------
-    X : array of shape (n_samples, n_features)
-        What was ranked.
-    ranking : Ranking
-        By uncorrected information.
-    n_bins : int
-        With which it was ranked.
-    correction : {"miller_madow", "chi_square", "permutation"}
-        See `information_bias`. Only the first is right for features that are related, as most
-        candidates are.
-
-    Returns
-    -------
-    ndarray of shape (n_steps,)
-        Of the same sum of pairs as ``ranking.redundancy``; 0 at the first step.
-
-    Raises
-    ------
-    InvalidInputError
-        If `X` has not the columns that were ranked, or the correction is unknown.
+    """How much of the redundancy at each step of a ranking by uncorrected information is bias,
+    [bits]. It is of the same sum of pairs as ``ranking.redundancy``. Only ``"miller_madow"`` is
+    right for features that are related, as most candidates are.
 
     Examples
     --------

@@ -33,18 +33,9 @@ _OFFSETS = np.linspace(-3.0, 3.0, 13)
 class PowerLaw:
     """The curves ``a + b n^-c`` that agree with some measured errors, and how well each does.
 
-    Parameters
-    ----------
-    n : float
-        The largest measured number of images.
-    level : ndarray of shape (n_curves,)
-        Error of each curve there.
-    remainder : ndarray of shape (n_curves,)
-        Share of it that no number of images takes away: ``a / level``.
-    exponent : ndarray of shape (n_curves,)
-        c.
-    weight : ndarray of shape (n_curves,)
-        Adds up to 1.
+    They are given by the largest measured number of images, the error of each there, the share of
+    it that no number of images takes away, ``a / level``, the exponent c, and weights that add up
+    to 1.
     """
 
     n: float
@@ -66,20 +57,9 @@ class PowerLaw:
 
 
 def fit_power_law(n: ArrayLike, rms: ArrayLike, log_errors: ArrayLike) -> PowerLaw:
-    """The power laws that agree with errors measured at several numbers of images.
+    """The power laws that agree with errors measured at several numbers of images, ascending.
 
-    Parameters
-    ----------
-    n : array of shape (n_sizes,)
-        Numbers of images, ascending.
-    rms : array of shape (n_sizes,)
-        Errors there, all above 0.
-    log_errors : array of shape (n_sizes,)
-        Standard errors of their logarithms.
-
-    Returns
-    -------
-    PowerLaw
+    `log_errors` are the standard errors of the logarithms of the errors, which are above 0.
 
     Notes
     -----

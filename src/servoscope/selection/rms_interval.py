@@ -30,23 +30,11 @@ def rms_interval(
     coverage: float = 0.9,
     other_error: float = 0.0,
 ) -> Array:
-    """Interval for the RMS of residuals of which some are known.
+    """Interval for the RMS of infinitely many residuals, of which (n, n_targets) are known:
 
-    Parameters
-    ----------
-    residuals : ndarray of shape (n, n_targets)
-    groups : ndarray of shape (n,), optional
-        Groups that are independent of each other, where single residuals are not; two at least.
-    coverage : float
-        How often the interval shall hold the RMS of infinitely many residuals.
-    other_error : float
-        Standard error of the logarithm of the RMS that has other causes than the number of
-        residuals.
-
-    Returns
-    -------
-    ndarray of shape (2, n_targets)
-        Lower and upper end, in the unit of the residuals.
+    its ends, (2, n_targets). Groups are independent of each other where single residuals are not,
+    two at least. `other_error` is the standard error of the logarithm that has other causes than
+    the number of residuals.
 
     Notes
     -----
@@ -70,18 +58,9 @@ def rms_interval(
 
 
 def rms_log_error(residuals: Array, groups: Groups | None = None) -> tuple[Array, int]:
-    """Standard error of the logarithm of an RMS, and the number of groups it is from.
+    """Standard error of the logarithm of an RMS, by target, and the number of groups it is from.
 
-    Parameters
-    ----------
-    residuals : ndarray of shape (n, n_targets)
-    groups : ndarray of shape (n,), optional
-
-    Returns
-    -------
-    error : ndarray of shape (n_targets,)
-        0 where all residuals are.
-    n_groups : int
+    It is 0 where all residuals are.
     """
     squares, sizes = residuals**2, np.ones(len(residuals))
     if groups is not None:

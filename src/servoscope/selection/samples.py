@@ -99,16 +99,10 @@ Groups = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Samples, the repeated shots of a pose joined to their mean.
+    """Samples, the repeated shots of a pose joined to their mean:
 
-    Parameters
-    ----------
-    X : ndarray of shape (n_poses, n_features)
-    Y : ndarray of shape (n_poses, n_targets)
-    groups : ndarray of shape (n_poses,), optional
-        Which poses are left out together; by default each by itself.
-    members : ndarray of shape (n_shots,)
-        Which pose each shot is of.
+    features, targets, which poses are left out together (by default each by itself), and which pose
+    each shot is of.
     """
 
     X: Array
@@ -130,13 +124,7 @@ class Poses:
 def group_poses(X: Array, Y: Array, groups: Groups | None, poses: ArrayLike | None = None) -> Poses:
     """Samples by pose; what belongs together still does, and no pose is in two groups.
 
-    Parameters
-    ----------
-    X, Y : ndarrays of shape (n, n_features) and (n, n_targets)
-    groups : ndarray of shape (n,), optional
-        Numbers from 0.
-    poses : array of shape (n,), optional
-        Samples of equal value are shots of one pose; they are found by default.
+    Samples of equal `poses` are shots of one; they are found by default.
     """
     members = find_repeats(X, Y) if poses is None else np.unique(poses, return_inverse=True)[1]
     merged = merge_repeats(X, Y, members)

@@ -96,16 +96,7 @@ def first_reached(
 ) -> float | None:
     """The smallest strength without its sign at which values reach a level, interpolated.
 
-    Parameters
-    ----------
-    strengths : sequence of float
-    values : sequence of float
-        At each strength.
-    start : float
-        The value at strength 0.
-    level : float
-    power : int
-        Between strengths the values go with this power of them.
+    Between strengths, from `start` at 0, the values go with their power.
 
     Examples
     --------

@@ -204,10 +204,6 @@ def measure(
         The images of it that test.
     n_draws : int
         Draws of a random disturbance for each image.
-    n_jobs : int
-        Processes, as joblib counts them; every number of them gives the same errors.
-    on_progress : callable, optional
-        Called with the number of sets of images that were taken, of `n_sets`.
 
     Returns
     -------
@@ -269,17 +265,9 @@ def _growths(
 def error_growths(
     disturbance: Disturbance, clean_errors: Array, simulated: Array, slopes: tuple[Array, Array]
 ) -> dict[str, ErrorGrowth]:
-    """The growth of each dof's error.
-
-    Parameters
-    ----------
-    disturbance : Disturbance
-    clean_errors : ndarray of shape (n_images, 6)
-        [mm] and [deg].
-    simulated : ndarray of shape (n_strengths, n_draws, n_images, 6)
-        Errors at the strengths of the disturbance.
-    slopes : pair of ndarrays of shape (n_draws, n_images, 6)
-        Derivatives of the errors, see `predict_rms`.
+    """The growth of each dof's error, from the errors in undisturbed images (n_images, 6) and at
+    the strengths of a disturbance (n_strengths, n_draws, n_images, 6), [mm] and [deg], and the
+    derivatives of the errors, see `predict_rms`.
     """
     phi = [s**disturbance.power for s in disturbance.strengths]
     predicted_rms = predict_rms(clean_errors, slopes, phi)

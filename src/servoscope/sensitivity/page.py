@@ -53,16 +53,7 @@ def plot_growth(
     title: str = "",
     ax: Axes | None = None,
 ) -> Axes:
-    """Error of each dof in shares of its range against the strength of one disturbance.
-
-    Parameters
-    ----------
-    growths : dict
-        By dof, what `ErrorGrowth.to_dict` gives.
-    ranges : dict
-        By dof, ``{"value", "unit"}``.
-    title : str
-    """
+    """Error of each dof in shares of its range against the strength of one disturbance."""
     ax = new_axes() if ax is None else ax
     unit = next(iter(growths.values()))["unit"]
     dress(ax, title=title, xlabel="" if unit == "1" else f"[{unit}]")
@@ -116,13 +107,7 @@ def _scale(ax: Axes, strengths: list[float]) -> None:
 def sensitivity_table(name: str, sensitivity: Sensitivity, key: str) -> Table:
     """A row for each disturbance; ``> s`` where it is beyond the largest strength s tried.
 
-    Parameters
-    ----------
-    name : str
-        Of the features.
-    sensitivity : dict
-    key : {"doubles_at", "parts_at"}
-        With the first, the undisturbed errors stand above.
+    With the key ``"doubles_at"`` the undisturbed errors stand above.
     """
     by_dof = next(iter(sensitivity.values()))
     clean = ("none (RMS error)", "mm, deg", *(f"{g['clean_rms']:.3g}" for g in by_dof.values()))
@@ -139,20 +124,7 @@ def sensitivity_table(name: str, sensitivity: Sensitivity, key: str) -> Table:
 
 
 def write_sensitivity(folder: Path, results: dict[str, Any], *, n_jobs: int = -1) -> list[Path]:
-    """Write ``sensitivity.md`` and ``figures/sensitivity_{features}.png``.
-
-    Parameters
-    ----------
-    folder : Path
-    results : dict
-        As in ``sensitivity.json``.
-    n_jobs : int
-
-    Returns
-    -------
-    list of Path
-        The figures.
-    """
+    """Write ``sensitivity.md`` and ``figures/sensitivity_{features}.png``; returns the figures."""
     of_features = {name: one["sensitivity"] for name, one in results["features"].items()}
     tables = [
         sensitivity_table(name, of, key) for name, of in of_features.items() for key in TITLES

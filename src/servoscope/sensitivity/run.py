@@ -111,10 +111,6 @@ class SensitivityRun:
     data : PoseImageSet
         As `acquire` takes it for ``config.acquisition()``.
     config : SensitivityConfig
-    n_jobs : int
-        Processes, as joblib counts them; all cores by default. Every number of them gives the
-        same errors.
-    progress : ProgressBar
     """
 
     def __init__(

@@ -39,11 +39,8 @@ def read_arrays(
 ) -> dict[str, NDArray[Any]]:
     """The named arrays of an ``.npz`` that was written uncompressed; all if there are no names.
 
-    Raises
-    ------
-    error
-        As `read_bytes`, or if the archive is damaged, lacks an array, or holds one that is
-        compressed, of objects, or larger than the file.
+    `error` is raised as by `read_bytes`, or if the archive is damaged, lacks an array, or holds one
+    that is compressed, of objects, or larger than the file.
     """
     check_regular(path, error)
     try:
@@ -59,11 +56,8 @@ def read_arrays(
 def open_archive(path: Path) -> Iterator[zipfile.ZipFile]:
     """A zip archive of at most `MOST_MEMBERS` members, which are counted before they are listed.
 
-    Raises
-    ------
-    ValueError, OSError, zipfile.BadZipFile
-        If it is none, or ends with a comment or a record of larger numbers, which no archive of
-        arrays does.
+    One that ends with a comment or a record of larger numbers, which no archive of arrays does, is
+    a ValueError.
     """
     with open(path, "rb", opener=open_without_waiting) as file:
         _check_end(file)
@@ -129,15 +123,9 @@ Arrays = dict[str, NDArray[Any]]
 
 @dataclass(frozen=True)
 class Entry:
-    """What a table says of one array.
+    """What a table says of one array:
 
-    Parameters
-    ----------
-    dtype : str
-        One of `DTYPES`.
-    shape : tuple of int
-    sha256 : str
-        Of the numbers in C order, in hexadecimal digits.
+    its type of `DTYPES`, its shape, and the SHA-256 of its numbers in C order.
     """
 
     dtype: str
@@ -153,11 +141,8 @@ class Entry:
 def make_table(arrays: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, Any]]:
     """The table of some arrays, as plain values.
 
-    Raises
-    ------
-    InvalidInputError
-        If a model cannot hold them: a name is not of letters, digits and ``_ . / -``, they are not
-        numbers or not finite, or they are too large.
+    A model cannot hold arrays whose names are not of letters, digits and ``_ . / -``, that are not
+    numbers or not finite, or too large.
     """
     if (total := sum(array.nbytes for array in arrays.values())) > LARGEST:
         raise InvalidInputError(f"A model may hold {LARGEST} bytes in its arrays, got {total}.")

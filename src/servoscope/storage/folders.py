@@ -99,18 +99,8 @@ _NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP}
 def owned(folder: str | PathLike[str], *, beside: bool = False) -> Iterator[None]:
     """Own a folder, which is made if it is not there; it is left as it was if nothing is written.
 
-    Parameters
-    ----------
-    folder : path
-    beside : bool
-        Lock a file beside the folder, which is then not made, rather than one in it.
-
-    Raises
-    ------
-    FolderInUseError
-        If another process, or another thread of this one, owns it.
-    FolderExistsError
-        If it is a file.
+    With `beside` a file beside the folder is locked, and the folder not made, rather than one in
+    it.
 
     Examples
     --------
@@ -216,17 +206,9 @@ def replacing(
 ) -> Iterator[Path]:
     """Where to make what is to replace the parts of a folder; it does so once the block ends well.
 
-    Parameters
-    ----------
-    folder : Path
-        Owned; what else is in it stays.
-    parts : sequence of str
-        Files and folders in there that are replaced. The first shows that the others are whole:
-        it leaves first and enters last.
-    go_on : bool
-        Go on with what an earlier block has left.
-    keep : bool
-        Leave what was made if the block fails.
+    The folder is owned, and what else is in it stays. The first of the parts shows that the others
+    are whole: it leaves first and enters last. With `go_on` the block goes on with what an earlier
+    one has left; with `keep` what was made is left if the block fails.
     """
     new = folder / NEW
     if not go_on:
@@ -262,11 +244,7 @@ def complete_replacement(folder: Path, parts: Sequence[str]) -> None:
 def complete_interrupted(folder: Path, parts: Sequence[str]) -> None:
     """Complete a replacement that was stopped in its last step, in a folder that is not owned.
 
-    Raises
-    ------
-    FolderInUseError
-        If there is one and it cannot be completed: it goes on right now, or the folder cannot be
-        written.
+    If it goes on right now, or the folder cannot be written, that is a `FolderInUseError`.
     """
     if not any((folder / name).exists() for name in (_WHOLE, _ENTERING)):
         return
@@ -297,15 +275,10 @@ _LEAST_FREE = 2 * 10**9
 
 @cache
 def shared_folder() -> str:
-    """A folder for arrays that processes share: in shared memory, where there is enough.
+    """A folder for arrays that processes share:
 
-    It goes when this process ends. If that is killed, the next one that asks for such a folder
-    removes it: its lock shows that the owner is gone.
-
-    Raises
-    ------
-    OSError
-        If there is no place for it.
+    in shared memory, where there is enough. It goes when this process ends. If that is killed, the
+    next one that asks for such a folder removes it: its lock shows that the owner is gone.
     """
     remove_abandoned()
     owner = os.getpid()

@@ -96,18 +96,9 @@ def read_bytes(path: Path, error: type[Exception], most: int = LARGEST_FILE) -> 
 
 
 def read_lines(path: Path, error: type[Exception], newline: str | None = None) -> Iterator[str]:
-    r"""The lines of a UTF-8 text file, with or without a byte order mark.
-
-    Parameters
-    ----------
-    newline : str, optional
-        As `open` takes it: all line ends become ``\n`` by default.
-
-    Raises
-    ------
-    error
-        As `read_bytes`, or if it is not text, or has more than `MOST_LINES` lines, or one of more
-        than `LONGEST_LINE` characters.
+    r"""The lines of a UTF-8 text file, with or without a byte order mark; line ends become ``\n``
+    unless `newline`, as of `open`, says otherwise. `error` is raised as by `read_bytes`, or if it
+    is not text, or has more than `MOST_LINES` lines, or one of more than `LONGEST_LINE` characters.
     """
     content = read_bytes(path, error, LARGEST_TEXT)
     if max(content.count(b"\n"), content.count(b"\r")) > MOST_LINES:
@@ -145,13 +136,10 @@ def read_json(path: Path, error: type[Exception], most: int = LARGEST_JSON) -> d
 
 
 def parse_json(content: bytes) -> Any:
-    """The value of strict JSON, whose numbers are finite and have few digits.
+    """The value of strict JSON.
 
-    Raises
-    ------
-    ValueError
-        If it is not UTF-8 or not JSON, is nested deeper than `MOST_NESTED`, or holds NaN,
-        infinity or an integer of more than `MOST_DIGITS` digits.
+    What is not UTF-8, nested deeper than `MOST_NESTED`, or holds NaN, infinity or an integer of
+    more than `MOST_DIGITS` digits is a ValueError.
 
     Examples
     --------

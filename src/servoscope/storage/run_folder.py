@@ -50,13 +50,8 @@ _REPLACED = (*PARTS, *FOLDERS)
 
 
 class RunFolder:
-    """The folder of one run, made by `open_run_folder`.
-
-    Attributes
-    ----------
-    path : Path
-    settings : dict
-        What the run was asked for, as plain JSON values.
+    """The folder of one run, made by `open_run_folder`, and what it was asked for, as plain JSON
+    values.
     """
 
     def __init__(self, path: Path, settings: dict[str, Any]) -> None:
@@ -104,17 +99,11 @@ class RunFolder:
 def owned_run_folder(
     path: Path, settings: dict[str, Any], *, resume: bool = False, force: bool = False
 ) -> Iterator[RunFolder]:
-    """Own a run folder while the block runs: a new one, or with `resume` one that is gone on with.
+    """Own a run folder while the block runs:
 
-    With `force` the new run is made beside the one that is there, and takes its place once the
-    block ends well; if it does not, `resume` goes on with the new one.
-
-    Raises
-    ------
-    FolderInUseError
-        If another command is writing there.
-    FolderExistsError, RunFolderError
-        As `open_run_folder`.
+    a new one, or with `resume` one that is gone on with. With `force` the new run is made beside
+    the one that is there, and takes its place once the block ends well; if it does not, `resume`
+    goes on with the new one.
     """
     with owned(path):
         complete_replacement(path, _REPLACED)
@@ -131,12 +120,8 @@ def owned_run_folder(
 def open_run_folder(path: Path, settings: dict[str, Any], *, resume: bool = False) -> RunFolder:
     """Make a run folder, or with `resume` go on in the one that is there.
 
-    Raises
-    ------
-    FolderExistsError
-        If the folder holds a run and `resume` is not set, or if it is no run folder.
-    RunFolderError
-        If the run to resume was made with other settings or by another version.
+    A run that is there without `resume`, what is no run folder, and a run of other settings or of
+    another version are errors.
     """
     settings = _as_json(settings)
     if is_run(path):
@@ -160,11 +145,6 @@ def is_run(path: Path) -> bool:
     """Whether the folder holds a run, of whatever version, finished or not.
 
     A replacement that was interrupted is completed first.
-
-    Raises
-    ------
-    FolderInUseError
-        If the run is being replaced, or the replacement cannot be completed.
     """
     if not (path / "config.json").exists():
         complete_interrupted(path, _REPLACED)

@@ -79,11 +79,8 @@ def read_stack_shape(path: Path, n_axes: int, dtype: str) -> tuple[int, ...]:
 def read_stack(path: Path, shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
     """The items of a stack, which must have the given shape.
 
-    Raises
-    ------
-    DataSetError
-        If it is missing, damaged, of another shape, type or codec, or if a chunk is lost or
-        declares another size than it must have.
+    One that is missing, damaged, of another shape, type or codec, that lost a chunk or has one that
+    declares another size, is a `DataSetError`.
     """
     import zarr
 

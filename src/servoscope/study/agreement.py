@@ -32,13 +32,8 @@ Outcome = tuple[str, str]
 class Finding:
     """A statement of the paper, and whether the run bears it out.
 
-    Parameters
-    ----------
-    claim : str
-    verdict : {"yes", "partly", "no"}
-        ``"yes"`` or ``"no"`` only where every displacement form that was run says the same.
-    evidence : tuple of str
-        The numbers, one text for each displacement form they differ for.
+    The verdict is ``"yes"`` or ``"no"`` only where every displacement form that was run says the
+    same; the evidence is one text for each form that the numbers differ for.
     """
 
     claim: str
@@ -47,15 +42,10 @@ class Finding:
 
 
 def compare_with_paper(summary: dict[str, Any]) -> list[Finding]:
-    """Compare a run with the paper, under the paper's protocol where that was run.
+    """Compare the summary of a run with the paper, under the paper's protocol where that was run.
 
     Statements about its scene (which features come first, which degree of freedom is worst, how
     large the errors are) are compared only for the simulated part under the published poses.
-
-    Parameters
-    ----------
-    summary : dict
-        What ``summary.json`` holds.
     """
     units = list_units(summary)
     compared = [unit for unit in units if unit.protocol == "paper"] or units

@@ -65,13 +65,8 @@ def plot_locations(
     n_columns: int = 6,
     ax: Axes | None = None,
 ) -> Axes:
-    """Filtered covariance, black for 0, with crosses at the chosen rows and columns.
-
-    Parameters
-    ----------
-    filtered : array of shape (n, height, width)
-    locations : array of shape (n, n_locations, 2)
-    titles : sequence of n str
+    """Filtered covariance (n, height, width), black for 0, with crosses at the chosen rows and
+    columns.
     """
     pictures, locations = _unit_scale(filtered), np.asarray(locations)
     mapping: dict[str, Any] = {"cmap": "gray", "vmin": 0, "vmax": 1}
@@ -151,13 +146,8 @@ def plot_family_errors(
 ) -> Axes:
     """RMS error of every family, and of the selected features, by degree of freedom.
 
-    Parameters
-    ----------
-    results : dict
-        Of one protocol and displacement form. Under each degree of freedom stands the error of
-        the best family in mm or degrees.
-    published : bool
-        Whether to mark the published errors, each by a dash in the place of ours.
+    Under each stands the error of the best family in mm or degrees; published errors are marked by
+    dashes if asked for.
     """
     ax = new_axes() if ax is None else ax
     places = np.arange(len(DOFS))
@@ -240,16 +230,7 @@ CHARTS = Layout(3, 2.7, 1.9, gap_x=0.6, gap_y=0.62, left=0.5, right=0.08, bottom
 def plot_best_feature(
     values: ArrayLike, displacement: ArrayLike, name: str, dof: str, *, ax: Axes | None = None
 ) -> Axes:
-    """A degree of freedom, in mm or degrees, against a feature.
-
-    Parameters
-    ----------
-    values : array of shape (n_images,)
-        The feature.
-    displacement : array of shape (n_images,)
-        [mm] or [deg].
-    name, dof : str
-    """
+    """A degree of freedom, in mm or degrees, against a feature."""
     ax = new_axes() if ax is None else ax
     ax.plot(values, displacement, ".", color=INK, markersize=2.8, markeredgewidth=0, alpha=0.8)
     return dress(ax, xlabel=name, ylabel=f"{DOF_LABELS[dof]} [{DOF_UNITS[dof]}]")
@@ -265,13 +246,8 @@ def plot_selection_plane(
 ) -> Axes:
     """The candidates of one step, and contours of their distance to the ideal point.
 
-    Parameters
-    ----------
-    relevance : array of shape (n_candidates,)
-        Information of each candidate about the degree of freedom, [bits].
-    redundancy : array of shape (n_candidates,)
-        Sum of its information about the features selected before, [bits]; NaN for those.
-    names : list of n_candidates str
+    The relevance of each candidate and its redundancy with the features selected before, NaN for
+    those, are in bits.
     """
     ax = new_axes() if ax is None else ax
     relevance, redundancy = np.asarray(relevance), np.asarray(redundancy)
@@ -344,13 +320,8 @@ REDUNDANCY_CHARTS = Layout(
 
 
 def plot_redundancy(steps: Steps, *, dof: str, ax: Axes | None = None) -> Axes:
-    """Redundancy of the feature selected at each step, its bias, and that of unrelated features.
-
-    Parameters
-    ----------
-    steps : list of dict
-        ``redundancy``, ``bias`` and ``unrelated`` of each step, [bits].
-    dof : str
+    """Redundancy of the feature selected at each step, its bias, and that of unrelated features,
+    [bits].
     """
     ax = new_axes() if ax is None else ax
     number = np.arange(1, len(steps) + 1)
@@ -390,17 +361,8 @@ def plot_sweep(
 ) -> Axes:
     """RMS error of the subsets of a threshold sweep, with the number of features of each.
 
-    Parameters
-    ----------
-    sweep : list of dict
-        ``thresholds``, ``n_features``, ``rms`` and ``validation_rms`` of each subset.
-    dof : str
-    scale : float or None
-        The range of the degree of freedom, [mm] or [deg]: the second axis.
-    decided_on_test : bool
-        Whether validation and test are the same images, and one curve is of both.
-    published : float, optional
-        Least error that was published, drawn as a line.
+    `scale` is the range of the dof, [mm] or [deg], for the second axis; one curve is of both where
+    validation and test are the same images; the least error that was published is a line.
     """
     ax = new_axes() if ax is None else ax
     thresholds = [point["thresholds"][0] for point in sweep]
@@ -472,15 +434,8 @@ def plot_criteria(
     title: str = "",
     ax: Axes | None = None,
 ) -> Axes:
-    """Errors of nets with as many features as each criterion selected first.
-
-    Parameters
-    ----------
-    errors : dict
-        RMS errors by criterion, of range, one for each size.
-    sizes : sequence of int
-    all_candidates : float
-        RMS error with all of them, drawn as a line.
+    """Errors of nets, of range, with as many features as each criterion selected first; a line for
+    all.
     """
     ax = new_axes() if ax is None else ax
     places = range(len(sizes))

@@ -24,21 +24,9 @@ them so much that they would have to be fitted anew for each fold."""
 
 
 def compare_forecasts(study: Study, unit: Unit) -> list[dict[str, Any]]:
-    """Forecast and reached errors of three families and of the selected subsets.
-
-    Parameters
-    ----------
-    study : Study
-        Finished.
-    unit : tuple
-        Protocol and displacement form.
-
-    Returns
-    -------
-    list of dict
-        ``features``, a family or ``"selected"``; ``dof``, of those that move; ``forecast``, from
-        the images that train, and ``reached``, by the nets on the images that test: RMS errors in
-        units of the range.
+    """Forecast and reached errors of three families and of the selected subsets, of a finished
+    study. The one is from the images that train, the other by the nets on the images that test: RMS
+    errors in units of the range, of the dofs that move.
     """
     protocol, displacement = unit
     table, train = study.tables[unit], study.split(protocol).train
@@ -94,18 +82,8 @@ Orders = dict[tuple[str, str], list[int]]
 def compare_criteria(study: Study) -> dict[str, Any] | None:
     """Compare the criteria, and forecasts with nets, in a stage of a finished study.
 
-    Parameters
-    ----------
-    study : Study
-
-    Returns
-    -------
-    dict or None
-        ``sizes``; ``errors[criterion][dof]``, RMS test errors of the nets that take the first so
-        many features, in units of the range; ``all_candidates[dof]``, of those that take all;
-        ``selected[criterion][dof]``, the names in order; and ``forecasts`` as
-        `compare_forecasts` returns them. None if the study has no honest protocol or nothing
-        moves.
+    Errors are the RMS test errors of nets that take the first so many features, and of those that
+    take all, in units of the range. None if the study has no honest protocol or nothing moves.
     """
     if UNIT not in study.units or not moving(study):
         return None

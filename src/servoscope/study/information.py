@@ -44,14 +44,10 @@ CANDIDATES = Recipe("moments+eigenfeatures+pose_covariance")
 
 
 def study_table(values: NDArray[np.float64], names: Sequence[str]) -> FeatureTable:
-    """The feature table of a study, whose families are known by the names of their features.
+    """The feature table of a study, whose families are known by the names of their features:
 
-    Parameters
-    ----------
-    values : ndarray of shape (n_images, n_features)
-    names : sequence of n_features str
-        Moments, eigenfeatures ``e_00``, ..., ``pci_tx``, ..., and the LFA features as
-        ``lfa35_tx_00``, ...
+    moments, eigenfeatures ``e_00``, ..., ``pci_tx``, ..., and the LFA features as ``lfa35_tx_00``,
+    ...
     """
     families = tuple(str(FAMILIES[family_of(name)].recipe.features) for name in names)
     return FeatureTable(values, tuple(names), families)
@@ -84,16 +80,7 @@ def compute_feature_table(
 ) -> tuple[FeatureTable, FeaturePictures]:
     """Features of every image, with all that is fitted taken from the training images alone.
 
-    Parameters
-    ----------
-    data : PoseImageSet
-    moments : ndarray of shape (n_images, 24)
-        Geometric moments, which need no fitting.
-    basis : ImageBasis
-        Eigenvectors of the training images, `N_EIGENVECTORS` at least.
-    train : ndarray
-        Indices of the training images.
-    displacement : {"pivot", "camera"}
+    Moments need no fitting; the basis is of the training images, of `N_EIGENVECTORS` at least.
     """
     images, targets = data.images[train], data.delta_p(displacement)[train]
     window = lfa_window(data.image_shape)
@@ -174,19 +161,8 @@ def assess_features(
     n_bins: int = 10,
     n_ranked: int = 24,
 ) -> Assessment:
-    """Assess the candidate features of a table on the given samples.
-
-    Parameters
-    ----------
-    table : FeatureTable
-    targets : ndarray of shape (n_images, 6)
-        Displacements, in `DOFS` order.
-    samples : ndarray
-        Indices of the images to assess on.
-    n_bins : int
-        Equal-width bins of every variable.
-    n_ranked : int
-        Features to rank for each dof.
+    """Assess the candidate features of a table on the samples of some images, for each of 6
+    targets.
     """
     candidates = table.columns(CANDIDATES)
     X, Y = table.values[np.ix_(samples, candidates)], targets[samples]
@@ -233,32 +209,16 @@ def measure_chance(
     in_sequence: bool = False,
     n_bins: int = 10,
 ) -> dict[str, Any]:
-    """What chance adds to the information, the redundancy and the order of an assessment.
+    """What chance adds to the information, the redundancy and the order of an assessment, as plain
+    values.
 
-    Parameters
-    ----------
-    assessment : Assessment
-    table : FeatureTable
-    targets : ndarray of shape (n_images, 6)
-        Displacements, in `DOFS` order.
-    samples : ndarray
-        Indices of the images that were assessed; in the order of time if they are a sequence.
-    in_sequence : bool
-        Whether images resemble their neighbours. Then features are tested against shifts of the
-        sequence, else against the chi-square distribution.
-    n_bins : int
-        As in the assessment.
-
-    Returns
-    -------
-    dict
-        Plain values: ``mi_corrected[feature][dof]`` in bits, by ``mi_correction``;
-        ``mi_significant[feature][dof]``, at most 5 % of the findings among all features and dofs
-        being wrong, by the null distribution ``mi_null``; ``redundancy_bias[dof]``, for every
-        step of the ranking its ``redundancy``, how much of that is ``bias`` by the same
-        correction, which is too little where there are few images, and what as many ``unrelated``
-        features would show; and ``table2_corrected[dof]``, names in the order of the corrected
-        ideal-point rule.
+    ``mi_corrected[feature][dof]`` is in bits, by ``mi_correction``.
+    ``mi_significant[feature][dof]`` are the findings of which at most 5 % are wrong, by the null
+    distribution ``mi_null``: shifts of the sequence where images, in the order of time, resemble
+    their neighbours, else chi-square. ``redundancy_bias[dof]`` has for every step of the ranking
+    its ``redundancy``, how much of that is ``bias``, which is too little where there are few
+    images, and what as many ``unrelated`` features would show. ``table2_corrected[dof]`` are names
+    in the order of the corrected ideal-point rule.
     """
     X, Y = table.values[np.ix_(samples, table.columns(CANDIDATES))], targets[samples]
     null = "shifts" if in_sequence else "chi_square"

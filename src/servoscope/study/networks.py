@@ -59,22 +59,10 @@ def train_study_nets(
     n_jobs: int = -1,
     on_progress: Progress | None = None,
 ) -> StudyNets:
-    """Train every net of one protocol and displacement form.
+    """Train every net of one protocol and displacement form, on targets scaled to [-1, 1].
 
-    Parameters
-    ----------
-    table : FeatureTable
-    targets : ndarray of shape (n_images, 6)
-        Displacements scaled to [-1, 1], in `DOFS` order.
-    split : Split
-        The nets stop, and the best restart is chosen, on the validation images.
-    sweeps : dict
-        The subsets of candidates to try for every dof.
-    config : StudyConfig
-    n_jobs : int
-        Processes, as joblib counts them; all cores by default.
-    on_progress : callable, optional
-        Called with the number of nets finished.
+    They stop, and the best restart is chosen, on the validation images; `sweeps` are the subsets of
+    candidates to try for every dof.
     """
     keys = [(family, dof) for family in FAMILIES for dof in DOFS]
     points = [(dof, subset) for dof in DOFS for subset in sweeps[dof]]
@@ -110,14 +98,7 @@ def train_nets(
     n_jobs: int = -1,
     on_progress: Progress | None = None,
 ) -> list[Fitted]:
-    """Train a net for each recipe and dof, as the study is configured.
-
-    Parameters
-    ----------
-    jobs : sequence of (Recipe, str)
-    table, targets, split, config, n_jobs, on_progress
-        As of `train_study_nets`.
-    """
+    """Train a net for each recipe and dof, as the study is configured; see `train_study_nets`."""
     settings = {"hidden": config.hidden, "restarts": config.restarts}
     return fit_all(
         table,
@@ -139,26 +120,12 @@ def summarise(
 ) -> dict[str, Any]:
     """Tables I to III and all that stands behind them, for one protocol and displacement form.
 
-    Parameters
-    ----------
-    assessment : Assessment
-    nets : StudyNets
-    targets : ndarray of shape (n_images, 6)
-        Displacements scaled to [-1, 1], in `DOFS` order.
-    split : Split
-    ranges : ndarray of shape (6,)
-        What the targets were divided by, [m] and [rad].
-
-    Returns
-    -------
-    dict
-        ``table1[family][dof]`` and ``table3[dof]`` with RMS errors in units of the range
-        (``rms``) and in ``physical`` ``unit``; ``table2[dof]``, names in order of selection;
-        ``mi[feature][dof]`` in bits; ``best_family``, on the average of the dofs, for the images
-        that decide; ``baseline[dof]``, the error of always predicting the mean of
-        the training images; ``ranges[dof]`` with ``value`` None for a dof that never moves;
-        ``n_images`` that train, decide and test; and ``ranking``, ``sweep`` and ``stability`` by
-        dof.
+    ``table1[family][dof]`` and ``table3[dof]`` have RMS errors in units of the range (``rms``) and
+    in ``physical`` ``unit``; ``table2[dof]`` has names in order of selection, ``mi[feature][dof]``
+    is in bits. ``best_family`` is so on the average of the dofs, for the images that decide;
+    ``baseline[dof]`` is the error of always predicting the mean of the training images;
+    ``ranges[dof]``, what the targets were divided by, has ``value`` None for a dof that never
+    moves. ``ranking``, ``sweep`` and ``stability`` are by dof.
     """
     errors = targets[split.test] - targets[split.train].mean(axis=0)
     baseline = np.sqrt(np.mean(errors**2, axis=0)).tolist()

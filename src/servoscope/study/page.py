@@ -48,8 +48,6 @@ def write_report(run: Path, *, n_jobs: int = -1) -> Path:
     ----------
     run : Path
         A finished run folder.
-    n_jobs : int
-        Processes that draw figures, as joblib counts them; all cores by default.
 
     Returns
     -------

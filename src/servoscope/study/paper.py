@@ -85,22 +85,11 @@ NETS = "levenberg_marquardt"
 
 @dataclass(frozen=True)
 class PaperFamily:
-    """A family of features of Table I.
+    """A family of features of Table I:
 
-    Parameters
-    ----------
-    title : str
-        The paper's.
-    recipe : Recipe
-        What its nets take.
-    prefix : str
-        Of the names of its features.
-    sign : str
-        Stands before their names, so that families differ without colour too.
-    color, marker : str
-        In charts.
-    name : str, optional
-        In words; that of the catalogue by default.
+    the paper's title, what its nets take, the prefix of the names of its features, what stands
+    before these so that families differ without colour too, how charts show it, and its name in
+    words, that of the catalogue by default.
     """
 
     title: str

@@ -39,15 +39,7 @@ FORM_NAMES = {"pivot": "about the pivot", "camera": "about the camera"}
 
 @dataclass(frozen=True)
 class Unit:
-    """One protocol and displacement form of a run, and what the study found for it.
-
-    Parameters
-    ----------
-    protocol : {"paper", "honest"}
-    displacement : {"pivot", "camera"}
-    results : dict
-        As `servoscope.study.networks.summarise` returns it.
-    """
+    """One protocol and displacement form of a run, and what `networks.summarise` found for it."""
 
     protocol: str
     displacement: str
@@ -71,17 +63,10 @@ class Unit:
 
 @dataclass(frozen=True, eq=False)
 class RunData:
-    """What a finished run folder holds.
+    """What a finished run folder holds:
 
-    Parameters
-    ----------
-    path : Path
-    settings, summary : dict
-        Of ``config.json``, and ``summary.json``.
-    features, selection : dict of ndarray
-        The arrays of ``features.npz`` and ``selection.npz``.
-    pictures : dict
-        The arrays of ``vectors/``, by the key of the unit.
+    ``config.json``, ``summary.json``, the arrays of ``features.npz``, of ``selection.npz`` and, by
+    the key of the unit, of ``vectors/``.
     """
 
     path: Path

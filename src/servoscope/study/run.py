@@ -47,9 +47,6 @@ class Study:
     split : Split, optional
         Images that train, decide and test; drawn at random by default, independent groups as a
         whole.
-    n_jobs : int
-        Processes that train nets, as joblib counts them; all cores by default.
-    progress : ProgressBar
 
     Raises
     ------

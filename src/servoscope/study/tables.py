@@ -50,15 +50,10 @@ def study_tables(unit: Unit, n_bins: int | None) -> list[Table]:
 
 
 def errors_table(unit: Unit, name: str = "", *, is_brief: bool = False) -> Table:
-    """Table I: one row a family, then the selected features, then the mean as only answer.
+    """Table I:
 
-    Parameters
-    ----------
-    unit : Unit
-    name : str
-        Of its place on the page; that of the unit by default.
-    is_brief : bool
-        Name the rows by their titles alone, for a terminal.
+    one row a family, then the selected features, then the mean as only answer. `name` is of its
+    place on the page; a brief one names the rows by their titles alone, for a terminal.
     """
     results, moving = unit.results, moving_dofs(unit.results)
     families = results["table1"]
