@@ -49,7 +49,9 @@ def _draw(ax: plt.Axes, name: str, convention: PoseConvention) -> None:
                 va="center",
             )
     numbers = " ".join(f"{number:g}" for number in convention.example)
-    ax.set_title(f"{name}\n{'row by row' if convention.is_matrix else numbers}", fontsize=10)
+    if convention.is_matrix:
+        numbers = "column by column" if convention.by_column else "row by row"
+    ax.set_title(f"{name}\n{numbers}", fontsize=10)
     ax.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(-1, 1))
     ax.set_box_aspect((1, 1, 1), zoom=1.4)
     ax.view_init(elev=22, azim=-58)
@@ -59,7 +61,9 @@ def _draw(ax: plt.Axes, name: str, convention: PoseConvention) -> None:
 def _rotation(convention: PoseConvention) -> np.ndarray:
     numbers = list(convention.example)
     if convention.is_matrix:
-        numbers = np.column_stack([np.reshape(numbers, (3, 3)), np.zeros(3)]).ravel().tolist()
+        R = np.reshape(numbers, (3, 3))
+        R = R.T if convention.by_column else R
+        numbers = np.column_stack([R, np.zeros(3)]).ravel().tolist()
     else:
         numbers = [0.0, 0.0, 0.0, *numbers]
     return poses_from_numbers([numbers], convention, length_unit="m")[0, :3, :3]

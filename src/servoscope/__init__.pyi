@@ -22,6 +22,7 @@ from .formats import ColmapOptions as ColmapOptions
 from .formats import FolderOptions as FolderOptions
 from .formats import ImportOptions as ImportOptions
 from .formats import LeRobotOptions as LeRobotOptions
+from .formats import LogOptions as LogOptions
 from .formats import NerfstudioOptions as NerfstudioOptions
 from .formats import TumOptions as TumOptions
 from .formats import read_bag as read_bag
@@ -29,6 +30,7 @@ from .formats import read_bop as read_bop
 from .formats import read_colmap as read_colmap
 from .formats import read_folder as read_folder
 from .formats import read_lerobot as read_lerobot
+from .formats import read_log as read_log
 from .formats import read_nerfstudio as read_nerfstudio
 from .formats import read_tum as read_tum
 from .keyframe import Alignment as Alignment

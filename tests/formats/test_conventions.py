@@ -131,8 +131,8 @@ def rows_of_page():
 
 def scipys(name, numbers):
     """The rotation of worked numbers by SciPy's own names."""
-    if name == "matrix":
-        return np.reshape(numbers, (3, 3))
+    if name in ("matrix", "franka"):
+        return np.reshape(numbers, (3, 3), order="F" if name == "franka" else "C")
     if name in ("ur", "rotvec"):
         return Rotation.from_rotvec(numbers).as_matrix()
     if name in ("xyzw", "wxyz", "abb-quaternion"):

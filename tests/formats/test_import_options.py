@@ -9,6 +9,7 @@ from servoscope.formats import (
     FolderOptions,
     ImportOptions,
     LeRobotOptions,
+    LogOptions,
     NerfstudioOptions,
     TumOptions,
 )
@@ -56,6 +57,7 @@ def test_a_pivot_at_the_camera_is_allowed():
 def test_the_registry_lists_the_formats_with_their_options():
     assert {name: format_.options for name, format_ in FORMATS.items()} == {
         "folder": FolderOptions,
+        "log": LogOptions,
         "bag": BagOptions,
         "lerobot": LeRobotOptions,
         "colmap": ColmapOptions,

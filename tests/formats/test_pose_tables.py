@@ -34,7 +34,9 @@ def write(source, name, convention, *, delimiter=",", header=True, mm=False, nam
     """A table of the poses of a source, as somebody may write it."""
     rotations = Rotation.from_quat(source.quaternions)
     translations = source.translations * (1000 if mm else 1)
-    if convention == "matrix":
+    if convention == "franka":
+        numbers = source.T_world_cam.swapaxes(1, 2).reshape(-1, 16)
+    elif convention == "matrix":
         T = np.concatenate([rotations.as_matrix(), translations[:, :, None]], axis=2)
         numbers = T.reshape(len(T), 12)
     else:
@@ -56,7 +58,17 @@ def options(convention, **others):
 
 
 ALL = [
-    *("xyzw", "wxyz", "matrix", "ur", "rotvec", "abb-quaternion", "kuka-abc", "fanuc-wpr"),
+    *(
+        "xyzw",
+        "wxyz",
+        "matrix",
+        "franka",
+        "ur",
+        "rotvec",
+        "abb-quaternion",
+        "kuka-abc",
+        "fanuc-wpr",
+    ),
     *("yaskawa-rxryrz", "staubli-rxryrz", "kawasaki-oat", "ros-rpy", "zyx", "YXZ"),
 ]
 
@@ -241,7 +253,10 @@ def test_one_file_an_image(pose_folder, shape):
 @pytest.mark.parametrize(
     ("matrix", "message"),
     [
-        ("1 0 0 0  0 1 0 0  0 0 1 0  0.1 0.2 0.3 1", "the last row of the matrix must be 0 0 0 1"),
+        (
+            "1 0 0 0  0 1 0 0  0 0 1 0  0.1 0.2 0.3 1",
+            "0 0 0 1, got 0.1 0.2 0.3 1; does it stand col",
+        ),
         ("2 0 0 0  0 2 0 0  0 0 2 0  0 0 0 1", "must be orthonormal"),
         ("1 0 0 0  0 1 0 0  0 0 -1 0  0 0 0 1", "mirrors"),
     ],
@@ -347,6 +362,26 @@ def test_a_session_without_a_part_pose_is_refused(pose_folder):
     (pose_folder.path / "sessions.csv").unlink()
     with pytest.raises(DataSetError, match=r"sessions.csv is missing"):
         read_folder(pose_folder.path, SESSIONS)
+
+
+def test_a_column_that_seems_to_name_the_images_is_not_passed_over(pose_folder):
+    write(pose_folder, "robot.txt", "ur")
+    path = pose_folder.path / "robot.txt"
+    path.write_text(path.read_text().replace("file,", "Bild,"))
+    with pytest.raises(
+        DataSetError, match=r"line 2: column 1 seems to name the images \('00.png'\)"
+    ):
+        read_folder(pose_folder.path, options("ur"))
+    assert len(read_folder(pose_folder.path, options("ur", name_column="Bild"))) == 6
+
+
+def test_a_comment_is_a_header_only_if_it_names_all_columns(pose_folder):
+    write(pose_folder, "robot.txt", "wxyz", delimiter=" ")
+    path = pose_folder.path / "robot.txt"
+    header, *rows = path.read_text().splitlines()
+    path.write_text("\n".join(["# poses of the arm, a first try", f"# {header}", *rows]))
+    data = read_folder(pose_folder.path, options("xyzw"))
+    np.testing.assert_allclose(data.T_world_cam, pose_folder.T_world_cam, atol=1e-12)
 
 
 # Options, and the command line

@@ -22,5 +22,7 @@ from .recordings import Trajectory as Trajectory
 from .recordings import pair_in_time as pair_in_time
 from .registry import FORMATS as FORMATS
 from .registry import Format as Format
+from .robot_log import LogOptions as LogOptions
+from .robot_log import read_log as read_log
 from .tum import TumOptions as TumOptions
 from .tum import read_tum as read_tum

@@ -47,6 +47,8 @@ class PoseConvention:
         Makes a `Rotation` of n from the (n, k) numbers behind the translation, angles in radians.
     example : tuple of float
         Numbers for which docs/conventions.md works out the rotation, in the units above.
+    by_column : bool
+        Whether the sixteen numbers of a matrix stand column by column.
     """
 
     meaning: str
@@ -55,11 +57,12 @@ class PoseConvention:
     angle_unit: AngleUnit | None
     rotation: Callable[[Array], Rotation]
     example: tuple[float, ...] = ()
+    by_column: bool = False
 
     @property
     def is_matrix(self) -> bool:
         """Whether the numbers are those of a matrix, among which the translation stands."""
-        return self.columns == MATRIX_COLUMNS
+        return "r11" in self.columns
 
     @property
     def has_angles(self) -> bool:
@@ -70,7 +73,7 @@ class PoseConvention:
 TRANSLATION = ("tx", "ty", "tz")
 
 MATRIX_COLUMNS = ("r11", "r12", "r13", "tx", "r21", "r22", "r23", "ty", "r31", "r32", "r33", "tz")
-"""Names of the twelve numbers of a matrix, row by row."""
+"""Names of the twelve numbers of a matrix, row by row, as which all matrices are handed on."""
 
 
 def _angles(
@@ -129,6 +132,18 @@ CONVENTIONS: dict[str, PoseConvention] = {
         None,
         _of_matrices,
         (0.0, -1.0, 0.0, 0.8, 0.0, -0.6, 0.6, 0.0, 0.8),
+    ),
+    "franka": PoseConvention(
+        "O_T_EE of libfranka: matrix of 4 x 4 numbers, column by column",
+        (
+            *("r11", "r21", "r31", "r41", "r12", "r22", "r32", "r42"),
+            *("r13", "r23", "r33", "r43", "tx", "ty", "tz", "r44"),
+        ),
+        "m",
+        None,
+        _of_matrices,
+        (0.0, 0.8, 0.6, -1.0, 0.0, 0.0, 0.0, -0.6, 0.8),
+        by_column=True,
     ),
     "rotvec": _ROTATION_VECTOR,
     "ur": _ROTATION_VECTOR,
@@ -203,10 +218,10 @@ class ConventionOptions(ImportOptions):
     Parameters
     ----------
     rotation : str, optional
-        How the rotations are written: xyzw, wxyz, matrix, rotvec, ur, abb-quaternion, kuka-abc,
-        fanuc-wpr, yaskawa-rxryrz, staubli-rxryrz, kawasaki-oat, ros-rpy, or an order of axes as
-        SciPy has it, such as zyx or ZYX (docs/conventions.md). By default quaternions whose columns
-        are called qx, qy, qz and qw.
+        How the rotations are written: xyzw, wxyz, matrix, franka, rotvec, ur, abb-quaternion,
+        kuka-abc, fanuc-wpr, yaskawa-rxryrz, staubli-rxryrz, kawasaki-oat, ros-rpy, or an order of
+        axes as SciPy has it, such as zyx or ZYX (docs/conventions.md). By default quaternions whose
+        columns are called qx, qy, qz and qw.
     angle_unit : {"deg", "rad"}, optional
         Of angles and rotation vectors; by default that of the convention.
     columns : str, optional
@@ -265,7 +280,7 @@ def poses_from_numbers(
     Parameters
     ----------
     numbers : array of shape (n, k)
-        In the order of the convention's columns.
+        In the order of the convention's columns; of matrices the upper three rows, row by row.
     convention : PoseConvention
     length_unit : {"m", "mm"}
     angle_unit : {"deg", "rad"}, optional
@@ -341,7 +356,8 @@ def _problem_of_matrix(R: Array) -> str:
 
 def _parts(numbers: Array, convention: PoseConvention) -> tuple[Array, Array]:
     """Translations (n, 3), and the numbers of the rotations."""
-    is_translation = [column in TRANSLATION for column in convention.columns]
+    columns = MATRIX_COLUMNS if convention.is_matrix else convention.columns
+    is_translation = [column in TRANSLATION for column in columns]
     numbers = numbers.reshape(-1, len(is_translation))
     return numbers[:, is_translation], numbers[:, np.logical_not(is_translation)]
 

@@ -17,6 +17,7 @@ from servoscope.errors import DataSetError, InvalidInputError
 from servoscope.formats.assembly import assemble_data_set
 from servoscope.formats.conventions import PoseConvention, poses_from_numbers
 from servoscope.formats.frames import BAD_POSE, Drops, Frames, check_names_differ
+from servoscope.formats.images import IMAGE_ENDINGS
 from servoscope.formats.options import ImportOptions
 from servoscope.formats.pose_table import (
     PoseRow,
@@ -32,12 +33,6 @@ from servoscope.formats.pose_text import (
 )
 from servoscope.formats.stamps import check_seconds
 from servoscope.poses import inverse_transform
-
-IMAGE_ENDINGS = (
-    *(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".ppm", ".pgm", ".webp", ".gif"),
-    *(".jp2", ".tga"),
-)
-"""Endings by which images are known where nothing names them."""
 
 _NO_POSE_FILE = "without a pose"
 
@@ -171,7 +166,7 @@ def _names_in_order(
     folder: Path, place: str, rows: Sequence[PoseRow], path: Path, options: FolderOptions
 ) -> list[str]:
     """The images of a table that names none: all of them, by the numbers in their names."""
-    names = list(_images_by_key(folder / place, options.images).values())
+    names = list(images_by_key(folder / place, options.images).values())
     if len(names) != len(rows):
         shown = f" ({names[0]}, ...)" if names else ""
         raise DataSetError(
@@ -190,7 +185,7 @@ def _rows_of_files(folder: Path, options: FolderOptions, drops: Drops) -> list[_
             f"{folder}: say with --rotation what the files {options.poses!r} hold; matrix for "
             "3 x 4 or 4 x 4 numbers."
         )
-    images, poses = _images_by_key(folder, options.images), _by_key(folder, options.poses)
+    images, poses = images_by_key(folder, options.images), _by_key(folder, options.poses)
     images = {key: name for key, name in images.items() if name not in poses.values()}
     if not poses:
         raise DataSetError(f"{folder} holds no file {options.poses!r}; name them with --poses.")
@@ -217,7 +212,7 @@ def _rows_of_files(folder: Path, options: FolderOptions, drops: Drops) -> list[_
     return rows
 
 
-def _images_by_key(folder: Path, pattern: str) -> dict[str, str]:
+def images_by_key(folder: Path, pattern: str) -> dict[str, str]:
     """Names of images that fit a pattern, by what its ``*`` stands for, in natural order."""
     if Path(pattern).suffix not in ("", ".*"):
         return _by_key(folder, pattern)

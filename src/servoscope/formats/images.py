@@ -29,6 +29,12 @@ from servoscope.storage.reading import (
 BIT_DEPTHS = (8, 10, 12, 14, 16)
 """Bits that cameras fill, of which the least that hold the largest grey level are taken."""
 
+IMAGE_ENDINGS = (
+    *(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".ppm", ".pgm", ".webp", ".gif"),
+    *(".jp2", ".tga"),
+)
+"""Endings by which images are known where nothing names them."""
+
 _IMAGES_PER_BLOCK = 256
 
 

@@ -114,6 +114,10 @@ def read_lerobot(
     convention, places = _pose_places(features, options, folder)
     table = _Table(folder, info, sorted({name for name, _ in places}), camera, options)
     numbers = np.column_stack([table.columns[name][:, place] for name, place in places])
+    if convention.is_matrix and numbers.shape[1] == 16:
+        matrices = numbers.reshape(-1, 4, 4)
+        matrices = matrices.swapaxes(1, 2) if convention.by_column else matrices
+        numbers = matrices[:, :3].reshape(-1, 12)
     usable = _usable(numbers, convention, options, drops)
     T = poses_from_numbers(
         numbers[usable],
@@ -217,7 +221,7 @@ def _pose_places(
     places: list[tuple[str, int]] = []
     for column in options.columns.split(","):
         places += _place(column.strip(), vectors, folder, said)
-    if len(places) != len(convention.columns):
+    if len(places) not in {len(convention.columns), 16 if convention.is_matrix else 0}:
         raise DataSetError(
             f"{folder}: {options.rotation} has {len(convention.columns)} numbers "
             f"({' '.join(convention.columns)}), but --columns names {len(places)}; there are "

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from reprlib import repr as brief
 from typing import Literal, NoReturn
@@ -17,7 +18,9 @@ from servoscope.formats.conventions import (
     ConventionOptions,
     PoseConvention,
 )
+from servoscope.formats.images import IMAGE_ENDINGS
 from servoscope.formats.pose_text import other_separators, parse_numbers, parse_pose
+from servoscope.formats.stamps import resolution
 from servoscope.storage.reading import read_lines
 
 DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "space": " "}
@@ -42,8 +45,9 @@ class TableOptions(ConventionOptions):
 
     Parameters
     ----------
-    name_column : str, optional
-        Name of the column that names the images, or its number from 1.
+    name_column, time_column : str, optional
+        Name of the column that names the images, and of that of the times [s], or its number
+        from 1; by default usual names are known.
     delimiter : str, optional
         What divides the columns: comma, semicolon, tab, bar, space, or a sign; by default what the
         first line has.
@@ -57,6 +61,7 @@ class TableOptions(ConventionOptions):
     """
 
     name_column: str | None = None
+    time_column: str | None = None
     delimiter: str | None = None
     decimal: Literal["point", "comma"] = "point"
 
@@ -82,8 +87,10 @@ class PoseRow:
     numbers : list of float, optional
         Of the pose; None if they are unusable and left out.
     time : float, optional
-        [s].
+        As it is written.
     session : str, optional
+    step : float
+        In which the time is written.
     """
 
     where: str
@@ -91,6 +98,7 @@ class PoseRow:
     numbers: list[float] | None
     time: float | None = None
     session: str | None = None
+    step: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -125,32 +133,46 @@ def read_pose_table(
     ----------
     path : Path
     options : TableOptions
-    key : {"name", "session"}
-        What the rows are of.
+    key : {"name", "session", "time"}
+        What the rows are of: images, sessions, or moments.
 
     Raises
     ------
     DataSetError
         If the table is not what the options say. The message names the line.
     """
-    layout, rows = None, []
-    for where, line in _lines(path):
-        if layout is None:
-            delimiter = _delimiter(line, options)
-            cells = _split(line.lstrip("#").strip(), delimiter, where)
-            if _is_header(cells):
-                layout = _layout_of_header(cells, delimiter, path, options, key)
-                continue
-            if line.startswith("#"):
-                continue
-            layout = _layout_of_row(cells, delimiter, where, options, key)
-        if not line.startswith("#"):
-            rows.append(_read_row(where, line, layout, options))
-    if layout is None:
-        raise DataSetError(
-            f"{path} is empty; it must begin with the header {','.join(_wanted(options, key))}."
-        )
-    return layout.convention, rows
+    rows, convention = [], options.convention or CONVENTIONS["xyzw"]
+    of_header = partial(_layout_of_header, path=path, options=options, key=key)
+    of_row = partial(_layout_of_row, options=options, key=key)
+    wanted = ",".join(_wanted(options, key))
+    for where, line, layout in _rows(path, options, of_header, of_row, _is_header, wanted):
+        rows.append(_read_row(where, line, layout, options))
+        convention = layout.convention
+    return convention, rows
+
+
+def read_times(path: Path, options: TableOptions) -> list[PoseRow]:
+    """Names and times of images, in a table with a header or with these two columns.
+
+    Raises
+    ------
+    DataSetError
+        If a line has no name or no time. The message names the line.
+    """
+    rows = []
+    of_header = partial(_times_of_header, path=path, options=options)
+    for where, line, layout in _rows(
+        path, options, of_header, _times_of_row, _has_no_number, "name,time"
+    ):
+        cells = _cells_of_row(line, layout, where)
+        if len(cells) != layout.n_cells or layout.name is None or layout.time is None:
+            _refuse_length(cells, layout.n_cells, where)
+        text = _with_point(cells[layout.time], options)
+        time, step = parse_numbers([text], ["time"], where)[0], resolution([text], where)
+        rows.append(PoseRow(where, cells[layout.name], None, time, None, step))
+    if not rows:
+        raise DataSetError(f"{path} names no image; it must hold their names and times.")
+    return rows
 
 
 def read_pose_file(path: Path, convention: PoseConvention, options: TableOptions) -> list[float]:
@@ -177,6 +199,61 @@ def _lines(path: Path) -> Iterator[tuple[str, str]]:
     for number, line in enumerate(read_lines(path, DataSetError), start=1):
         if line := line.strip(" \r\n"):
             yield f"{path}, line {number}", line
+
+
+def _rows(
+    path: Path,
+    options: TableOptions,
+    of_header: Callable[..., _Layout | None],
+    of_row: Callable[..., _Layout],
+    is_header: Callable[[list[str]], bool],
+    wanted: str,
+) -> Iterator[tuple[str, str, _Layout]]:
+    """Where each row stands, the row, and its layout, which the first line or the header gives.
+
+    A header may stand in a comment, if it names all that is wanted.
+    """
+    layout = None
+    for where, line in _lines(path):
+        is_comment = line.startswith("#")
+        if layout is None:
+            delimiter = _delimiter(line, options)
+            cells = _split(line.lstrip("#").strip(), delimiter, where)
+            if is_header(cells):
+                layout = of_header(cells, delimiter, is_comment=is_comment)
+                continue
+            if is_comment:
+                continue
+            layout = of_row(cells, delimiter, where)
+        if not is_comment:
+            yield where, line, layout
+    if layout is None:
+        raise DataSetError(f"{path} is empty; it must begin with the header {wanted}.")
+
+
+def _times_of_header(
+    cells: list[str], delimiter: str, path: Path, options: TableOptions, is_comment: bool
+) -> _Layout | None:
+    header = [_plain(cell)[0] for cell in cells]
+    name = _name_place(header, options, "name", path)
+    time = _time_place(header, options, path)
+    if (name is None or time is None) and not is_comment:
+        raise DataSetError(
+            f"{path}: the header must hold name,time, but {brief(','.join(cells))} lacks "
+            f"{'name' if name is None else 'time'}; name other columns with --name-column and "
+            "--time-column."
+        )
+    if name is None or time is None:
+        return None
+    return _Layout(delimiter, len(cells), CONVENTIONS["xyzw"], (), name, time)
+
+
+def _times_of_row(cells: list[str], delimiter: str, where: str) -> _Layout:
+    """Two columns without a header: the number is the time."""
+    if len(cells) < 2 or (len(cells) > 2 and delimiter != " "):
+        raise DataSetError(f"{where}: must be a name and a time, got {len(cells)} cells.")
+    time = 0 if _is_number(cells[0]) else 1
+    return _Layout(delimiter, 2, CONVENTIONS["xyzw"], (), 1 - time, time)
 
 
 def _delimiter(line: str, options: TableOptions) -> str:
@@ -210,6 +287,10 @@ def _is_header(cells: list[str]) -> bool:
     return n_numbers < len(cells) / 2 if len(cells) > 1 else not n_numbers
 
 
+def _has_no_number(cells: list[str]) -> bool:
+    return not any(map(_is_number, cells))
+
+
 def _plain(column: str) -> tuple[str, str]:
     """Name of a column in small letters, and the unit that it gives."""
     column = column.strip().lower()
@@ -224,28 +305,41 @@ def _wanted(options: TableOptions, key: str) -> list[str]:
 
 
 def _layout_of_header(
-    cells: list[str], delimiter: str, path: Path, options: TableOptions, key: str
-) -> _Layout:
+    cells: list[str],
+    delimiter: str,
+    path: Path,
+    options: TableOptions,
+    key: str,
+    is_comment: bool = False,
+) -> _Layout | None:
     header = [_plain(cell)[0] for cell in cells]
     convention = options.convention or CONVENTIONS["xyzw"]
-    if options.convention is None and options.columns is not None:
+    if options.convention is None and options.columns is not None and not is_comment:
         _refuse_header(path, cells, options, key, _SAY_ROTATION)
-    name = _name_place(header, options, key, path)
-    pose = _pose_places(header, convention, options, path)
-    missing = [] if name is not None or key == "name" else [key]
+    try:
+        name = _name_place(header, options, key, path)
+        pose = _pose_places(header, convention, options, path)
+        time = _time_place(header, options, path)
+    except DataSetError:
+        if is_comment:
+            return None
+        raise
+    missing = ["session"] if key == "session" and name is None else []
+    missing += ["time"] if key == "time" and time is None else []
     missing += [c for c, place in zip(convention.columns, pose, strict=False) if place is None]
+    if missing and is_comment:
+        return None
     if missing:
         hint = other_separators(cells[0]) if len(cells) == 1 else ""
         hint += "" if hint or options.convention else _SAY_ROTATION
         _refuse_header(path, cells, options, key, f" lacks {', '.join(missing)}{hint}")
-    times = [header.index(time) for time in _TIMES if time in header]
     layout = _Layout(
         delimiter,
         len(header),
         convention,
         tuple(place for place in pose if place is not None),
         name,
-        times[0] if times and times[0] not in pose else None,
+        time if time not in pose else None,
         header.index("session") if "session" in header and key != "session" else None,
     )
     repeated = sorted({header[place] for place in layout.used if header.count(header[place]) > 1})
@@ -265,6 +359,12 @@ def _name_place(header: list[str], options: TableOptions, key: str, path: Path) 
         return _named_place(options.name_column, header, len(header), path, "name_column")
     names = _NAMES if key == "name" else (key, *_NAMES)
     return next((header.index(name) for name in names if name in header), None)
+
+
+def _time_place(header: list[str], options: TableOptions, path: Path) -> int | None:
+    if options.time_column is not None:
+        return _named_place(options.time_column, header, len(header), path, "time_column")
+    return next((header.index(name) for name in _TIMES if name in header), None)
 
 
 def _pose_places(
@@ -339,6 +439,8 @@ def _layout_of_row(
         )
     counts, with_gaps = _counts(convention), delimiter == " "
     numeric = [_is_number(cell) for cell in cells]
+    if key == "time":
+        return _layout_of_log(cells, delimiter, where, options, convention)
     if options.columns is not None or options.name_column is not None:
         name = None
         if options.name_column is not None and key == "name":
@@ -367,6 +469,27 @@ def _layout_of_row(
     )
 
 
+def _layout_of_log(
+    cells: list[str], delimiter: str, where: str, options: TableOptions, convention: PoseConvention
+) -> _Layout:
+    """The layout of a log without a header: time and pose, if nothing else is said."""
+    path, n = Path(where.rsplit(", line ", 1)[0]), len(cells)
+    time = 0
+    if options.time_column is not None:
+        time = _named_place(options.time_column, [], n, path, "time_column")
+    pose = [i for i in range(n) if i != time]
+    if options.columns is not None:
+        named = _pose_places([""] * n, convention, options, path)
+        pose = [place for place in named if place is not None]
+    if len(pose) not in _counts(convention):
+        raise DataSetError(
+            f"{where}: must be a time and {_count_words(convention)} "
+            f"({','.join(convention.columns)}), got {n} cells; say which they are with --columns "
+            "and --time-column, or write a header."
+        )
+    return _Layout(delimiter, n, convention, tuple(pose), None, time)
+
+
 def _read_row(where: str, line: str, layout: _Layout, options: TableOptions) -> PoseRow:
     cells = _cells_of_row(line, layout, where)
     if len(cells) != layout.n_cells:
@@ -374,18 +497,31 @@ def _read_row(where: str, line: str, layout: _Layout, options: TableOptions) -> 
             _refuse_length(cells, layout.n_cells, where)
         name = cells[layout.name] if layout.name is not None and layout.name < len(cells) else None
         return PoseRow(where, name, None)
+    if layout.name is None and layout.time is None:
+        _check_nameless(cells, where)
     name = cells[layout.name] if layout.name is not None else None
     session = cells[layout.session] if layout.session is not None else None
     try:
         numbers = _parse([cells[place] for place in layout.pose], layout.convention, where, options)
-        time = None
+        time, step = None, 0.0
         if layout.time is not None:
-            time = parse_numbers([_with_point(cells[layout.time], options)], ["time"], where)[0]
+            text = _with_point(cells[layout.time], options)
+            time, step = parse_numbers([text], ["time"], where)[0], resolution([text], where)
     except DataSetError:
         if not options.skip_bad:
             raise
         return PoseRow(where, name, None, None, session)
-    return PoseRow(where, name, numbers, time, session)
+    return PoseRow(where, name, numbers, time, session, step)
+
+
+def _check_nameless(cells: list[str], where: str) -> None:
+    """Check that no cell names an image: rows without names go by the order of the images."""
+    named = [i for i, cell in enumerate(cells) if cell.lower().endswith(IMAGE_ENDINGS)]
+    if named:
+        raise DataSetError(
+            f"{where}: column {named[0] + 1} seems to name the images ({brief(cells[named[0]])}), "
+            f"but is not called name, file or image; say --name-column {named[0] + 1}."
+        )
 
 
 def _cells_of_row(line: str, layout: _Layout, where: str) -> list[str]:
@@ -408,13 +544,16 @@ def _parse(
     texts: list[str], convention: PoseConvention, where: str, options: TableOptions
 ) -> list[float]:
     texts = [_with_point(text, options) for text in texts]
-    if len(texts) == len(convention.columns) + 4:
+    if convention.by_column:
+        texts = [texts[4 * (i % 4) + i // 4] for i in range(16)]
+    if convention.is_matrix and len(texts) == len(MATRIX_COLUMNS) + 4:
         last = parse_numbers(texts[-4:], [f"r4{i}" for i in range(1, 5)], where)
         if max(abs(a - float(b)) for a, b in zip(last, _LAST_ROW, strict=True)) > 1e-6:
+            order = "row by row" if convention.by_column else "column by column"
             raise DataSetError(
                 f"{where}: the last row of the matrix must be 0 0 0 1, got "
-                f"{' '.join(f'{number:g}' for number in last)}; write it row by row, not column "
-                "by column."
+                f"{' '.join(f'{number:g}' for number in last)}; does it stand {order}? See "
+                "--rotation."
             )
         texts = texts[:-4]
     return parse_pose(texts, convention, where, options.length_unit, options.angle_unit)
@@ -427,7 +566,7 @@ def _with_point(text: str, options: TableOptions) -> str:
 def _counts(convention: PoseConvention) -> set[int]:
     """How many numbers a pose may have: the last row of a matrix may be left out."""
     n = len(convention.columns)
-    return {n, n + 4} if convention.columns == MATRIX_COLUMNS else {n}
+    return {n, n + 4} if convention.is_matrix and not convention.by_column else {n}
 
 
 def _count_words(convention: PoseConvention) -> str:

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.formats.conventions import (
+    MATRIX_COLUMNS,
     METRES,
     AngleUnit,
     PoseConvention,
@@ -209,14 +210,15 @@ def parse_pose(
     length_unit: Units,
     angle_unit: AngleUnit | None = None,
 ) -> list[float]:
-    """The numbers of a pose, in the order of its convention.
+    """The numbers of a pose, in the order of its convention; those of a matrix row by row.
 
     Raises
     ------
     DataSetError
         If one is not a finite number, or they are no pose.
     """
-    numbers = parse_numbers(texts, convention.columns, where)
+    columns = MATRIX_COLUMNS if convention.is_matrix else convention.columns
+    numbers = parse_numbers(texts, columns, where)
     problem = problem_of_pose(numbers, convention, length_unit=length_unit, angle_unit=angle_unit)
     if problem:
         raise DataSetError(f"{where}: {problem}, or leave it out with --skip-bad.")

@@ -15,6 +15,7 @@ from servoscope.formats.folder import FolderOptions, read_folder
 from servoscope.formats.lerobot import LeRobotOptions, read_lerobot
 from servoscope.formats.nerfstudio import NerfstudioOptions, read_nerfstudio
 from servoscope.formats.options import ImportOptions
+from servoscope.formats.robot_log import LogOptions, read_log
 from servoscope.formats.tum import TumOptions, read_tum
 from servoscope.plugins import Registry
 
@@ -50,6 +51,15 @@ FORMATS: Registry[Format] = Registry(
                 "--poses robot.txt --rotation kuka-abc",
                 "--poses '*.pose.txt' --images '*.jpg' --rotation matrix",
                 "--session sessions.csv --rotation ur",
+            ),
+        ),
+        "log": Format(
+            "images with times, and the log of a robot with times of its own",
+            LogOptions,
+            read_log,
+            (
+                "--poses robot.csv --rotation ur --clock-offset estimate",
+                "--poses robot.csv --rotation kuka-abc --image-times names --time-unit ms",
             ),
         ),
         "bag": Format(
