@@ -62,6 +62,18 @@ def _ur(rest: str) -> Any:
     return ur_arm(rest)
 
 
+def _ros_robot(rest: str) -> Any:
+    from servoscope.robots.ros_bridge import ros_robot
+
+    return ros_robot(rest)
+
+
+def _ros_camera(rest: str) -> Any:
+    from servoscope.robots.ros_bridge import ros_camera
+
+    return ros_camera(rest)
+
+
 def _checked(name: str, opener: Any) -> Kind:
     if not callable(opener):
         raise InvalidInputError(f"the kind {name!r} must be callable, got {repr(opener)[:80]}")
@@ -71,7 +83,13 @@ def _checked(name: str, opener: Any) -> Kind:
 _RECORDED = Kind("recorded:FOLDER", _recorded)
 
 ROBOT_KINDS = Registry(
-    "servoscope.robot_kinds", {"ur": Kind("ur:HOST", _ur), "recorded": _RECORDED}, _checked
+    "servoscope.robot_kinds",
+    {
+        "ur": Kind("ur:HOST", _ur),
+        "ros": Kind("ros:HOST:PORT?pose=TOPIC&goal=TOPIC", _ros_robot),
+        "recorded": _RECORDED,
+    },
+    _checked,
 )
 """Robots that `open_robot` opens."""
 
@@ -80,6 +98,7 @@ CAMERA_KINDS = Registry(
     {
         "opencv": Kind("opencv:N", _opencv),
         "folder": Kind("folder:PATH", _folder),
+        "ros": Kind("ros:HOST:PORT?image=TOPIC", _ros_camera),
         "recorded": _RECORDED,
     },
     _checked,
@@ -116,7 +135,7 @@ def open_robot(spec: str) -> Any:
     >>> open_robot("legs")
     Traceback (most recent call last):
     ...
-    servoscope.errors.InvalidInputError: The robot must be ur:HOST, recorded:FOLDER or module:Class of your own, got 'legs'.
+    servoscope.errors.InvalidInputError: The robot must be ur:HOST, ros:HOST:PORT?pose=TOPIC&goal=TOPIC, recorded:FOLDER or module:Class of your own, got 'legs'.
     """  # noqa: E501
     robot = _opened("robot", ROBOT_KINDS, spec)
     if not _has(robot, "pose") or not (_has(robot, "move_to") or _has(robot, "move")):

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import CameraFaultError, DataSetError, InvalidInputError
-from servoscope.formats.images import filled_bits, read_levels, to_eight_bits
+from servoscope.formats.images import read_levels
+from servoscope.robots.camera_image import camera_image
 from servoscope.robots.options import check_range, split_options
 from servoscope.storage.reading import without_advice
 from servoscope.wording import one_line
@@ -119,22 +120,13 @@ class FolderCamera:
                 continue
             newest = max(whole, key=lambda name: (files[name].st_mtime_ns, name))
             try:
-                return self._image(self.path / newest)
+                levels, _ = read_levels(self.path / newest)
+                return camera_image(levels, self.image_width, self.bit_depth, newest)
             except (DataSetError, OSError) as error:
                 reason = one_line(without_advice(error))
         raise CameraFaultError(
             f"No whole new image came to {self.path} within {self.timeout:g} s; {reason}."
         )
-
-    def _image(self, path: Path) -> NDArray[np.uint8]:
-        levels, brightest = read_levels(path, self.image_width)
-        if levels.dtype == np.uint8:
-            return to_eight_bits(levels, 8)
-        if self.bit_depth is None:
-            raise CameraFaultError(
-                f"{path} has 16 bits; say how many of them the camera fills, such as bit_depth=12."
-            )
-        return to_eight_bits(levels, filled_bits(brightest, self.bit_depth, str(path)))
 
     def _names(self) -> list[str]:
         """The image files that are there."""

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import CameraFaultError, ServoscopeWarning
-from servoscope.formats.images import resized
+from servoscope.robots.arrivals import Arrivals
+from servoscope.robots.camera_image import camera_image
 from servoscope.robots.options import check_range, split_options
 from servoscope.wording import listing, one_line
 
@@ -115,18 +116,17 @@ class OpenCVCamera:
         check_range("delay", delay, 0, 60, "s")
         check_range("skip", skip, 0, 1000)
         check_range("timeout", timeout, 0.01, 600, "s")
-        self.source, self.image_width, self.delay, self.timeout = (
-            source, image_width, delay, timeout,
-        )  # fmt: skip
+        self.source, self.image_width = source, image_width
+        self.delay, self.skip, self.timeout = delay, skip, timeout
         self._capture = _capture(source)
         self._is_file = isinstance(source, str) and Path(source).is_file()
-        self._newest: _Newest | None = None
+        self._grabbing: _Grabbing | None = None
         try:
             self._set_size(width, height)
             if not self._is_file:
                 self._hold(exposure, gain, focus, white_balance)
-                self._newest = _Newest(self._capture, skip)
-                weakref.finalize(self, self._newest.end)
+                self._grabbing = _Grabbing(self._capture)
+                weakref.finalize(self, self._grabbing.end)
         except BaseException:
             self.close()
             raise
@@ -139,20 +139,17 @@ class OpenCVCamera:
         CameraFaultError
             If none comes in time.
         """
-        frame = (
-            self._next_of_file() if self._newest is None else self._taken_after_now(self._newest)
-        )
-        image = _grey(frame, self.source)
-        return np.asarray(resized(image, self.image_width, "The image")[0], dtype=np.uint8)
+        frame = self._next_of_file() if self._grabbing is None else self._new(self._grabbing)
+        return camera_image(_grey(frame, self.source), self.image_width, None, "The image")
 
     def close(self) -> None:
         """Let go of the camera."""
-        if self._newest is not None:
-            self._newest.end()
+        if self._grabbing is not None:
+            self._grabbing.end()
         self._capture.release()
 
-    def _taken_after_now(self, newest: _Newest) -> Any:
-        frame = newest.after(time.monotonic() + self.delay, self.delay + self.timeout)
+    def _new(self, grabbing: _Grabbing) -> Any:
+        frame = grabbing.arrivals.after(time.monotonic() + self.delay, self.skip, self.timeout)
         if frame is None:
             raise CameraFaultError(
                 f"The camera {self.source!r} gave no image for {self.timeout:g} s; see that it is "
@@ -235,66 +232,42 @@ class OpenCVCamera:
         return bool(is_taken and np.isclose(self._capture.get(key), value, rtol=0.1))
 
 
-class _Newest:
-    """A thread that takes every image of a camera, and keeps one that was waited for.
+class _Grabbing:
+    """A thread that takes every image of a camera.
 
     Parameters
     ----------
     capture : cv2.VideoCapture
-    skip : int
-        Images that are not taken after it is asked for one.
     """
 
-    def __init__(self, capture: Any, skip: int) -> None:
-        self._capture, self._skip = capture, skip
-        self._changed = threading.Condition()
-        self._from: float | None = None
-        self._frame: Any = None
-        self._is_ended = False
+    def __init__(self, capture: Any) -> None:
+        self.arrivals = Arrivals()
+        self._capture, self._is_ended = capture, threading.Event()
         self._thread = threading.Thread(target=self._take, daemon=True)
         self._thread.start()
 
-    def after(self, begin: float, seconds: float) -> Any:
-        """The first image not skipped after a time of the monotonic clock; None if none comes."""
-        end = time.monotonic() + seconds
-        with self._changed:
-            self._from, self._frame = begin, None
-            self._changed.wait_for(
-                lambda: self._frame is not None or self._is_ended, end - time.monotonic()
-            )
-            frame, self._from, self._frame = self._frame, None, None
-        return frame
-
     def end(self) -> None:
         """End the thread."""
-        with self._changed:
-            self._is_ended = True
-            self._changed.notify_all()
+        self._is_ended.set()
         self._thread.join(1.0)
 
     def _take(self) -> None:
-        arrived, n_failures = 0, 0
-        since: float | None = None
-        while not self._is_ended and n_failures < _MOST_FAILURES:
-            is_grabbed = self._capture.grab()
+        n_failures = 0
+        while not self._is_ended.is_set() and n_failures < _MOST_FAILURES:
+            try:
+                is_grabbed = self._capture.grab()
+                if is_grabbed:
+                    self.arrivals.put(self._frame)
+            except cv2.error:
+                is_grabbed = False
             n_failures = 0 if is_grabbed else n_failures + 1
             if not is_grabbed:
                 time.sleep(_PAUSE)
-                continue
-            with self._changed:
-                if self._from != since:
-                    arrived, since = 0, self._from
-                if since is None or time.monotonic() < since:
-                    continue
-                arrived += 1
-                if arrived > self._skip and self._frame is None:
-                    is_read, frame = self._capture.retrieve()
-                    if is_read:
-                        self._frame = frame
-                        self._changed.notify_all()
-        with self._changed:
-            self._is_ended = True
-            self._changed.notify_all()
+        self.arrivals.end()
+
+    def _frame(self) -> Any:
+        is_read, frame = self._capture.retrieve()
+        return frame if is_read else None
 
 
 def _capture(source: int | str) -> Any:
