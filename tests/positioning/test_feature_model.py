@@ -64,6 +64,21 @@ def test_what_it_reaches_on_new_images_is_what_it_says(model) -> None:
     assert 0.85 < np.mean(np.abs(errors) < 2 * std) <= 1
 
 
+def test_features_that_were_computed_for_training_are_not_computed_again(
+    data, model, monkeypatch
+) -> None:
+    seen, compute = [], PosePipeline.compute_features
+
+    def counted(self, images):
+        seen.append(len(images))
+        return compute(self, images)
+
+    monkeypatch.setattr(PosePipeline, "compute_features", counted)
+    again = train(data, families=FAMILIES, regressor="kernel_ridge", n_jobs=1)
+    assert sum(seen) <= 2 * 40  # of something else, to tell it from the part
+    assert again.accuracy["rms"] == model.accuracy["rms"]
+
+
 def test_its_recipes_are_of_the_families_that_were_named(model) -> None:
     dofs = model.accuracy["pipeline"]["dofs"]
     assert list(dofs) == list(model.dofs)

@@ -1,6 +1,7 @@
 """What images a model is trained on, and which it refuses."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -99,3 +100,39 @@ def test_an_assessment_of_other_images_is_refused(split) -> None:
     with pytest.raises(InvalidInputError, match="must be of these 40 images") as info:
         train(scattered(0, 40), assessment=found)
     assert "\n" not in str(info.value)
+
+
+@pytest.mark.slow
+def test_images_of_other_poses_are_refused_before_a_model_is_fitted(monkeypatch) -> None:
+    def fit(*_, **__):
+        raise AssertionError("a model is fitted")
+
+    data = camera_data(((80, 0.5),))
+    for kind in ("KeyframeModel", "FeatureModel"):
+        monkeypatch.setattr(f"servoscope.positioning.training.{kind}.train", fit)
+    with pytest.raises(AssertionError, match="a model is fitted"):
+        train(data, n_jobs=1)
+    other = np.random.default_rng(0).permutation(len(data))
+    with pytest.raises(DataSetError, match=r"say nothing of their poses.* reads none of 6 others"):
+        train(replace(data, T_world_cam=data.T_world_cam[other]), n_jobs=1)
+
+
+@pytest.mark.parametrize("error", [0.0, 9.0])
+def test_what_features_cannot_read_is_refused_only_if_a_keyframe_cannot_either(
+    monkeypatch, error
+) -> None:
+    def fit(*_, **__):
+        raise AssertionError("a model is fitted")
+
+    names = {
+        "_forecast_shares": lambda *_: {"tx": 1.0, "rz": 0.99},
+        "fit_and_read": lambda *_: (None, SimpleNamespace(errors=np.full((6, 6), error))),
+        "KeyframeModel.train": fit,
+    }
+    for name, stand_in in names.items():
+        monkeypatch.setattr(f"servoscope.positioning.training.{name}", stand_in)
+    with pytest.raises(
+        DataSetError if error else AssertionError,
+        match="say nothing of their poses" if error else "a model is fitted",
+    ):
+        train(camera_data(((80, 0.5),)), n_jobs=1)

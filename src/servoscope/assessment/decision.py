@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from servoscope.assessment.rendered import Sample, other_samples
 from servoscope.dofs import mask_of
-from servoscope.kernels import find_repeats
 from servoscope.pipeline import (
     Candidate,
     FeatureTable,
@@ -27,7 +26,7 @@ from servoscope.pipeline import (
 from servoscope.pipeline.feature_table import N_FOLDS
 from servoscope.pipeline.forecasts import THOROUGH
 from servoscope.poses import DOFS
-from servoscope.processes import ProgressBar, no_progress, one_blas_thread
+from servoscope.processes import ProgressBar, no_progress
 from servoscope.selection import Forecast
 from servoscope.selection.forecast import TEST_ERROR
 from servoscope.selection.rms_interval import rms_ratio_interval
@@ -147,10 +146,7 @@ class Decision:
     @cached_property
     def poses(self) -> Indices:
         """Images learned from of equal value are repeated shots of one pose."""
-        learn, poses = self.sample.split.learned, np.full(len(self.targets), -1)
-        with one_blas_thread():
-            poses[learn] = find_repeats(self.table.values[learn], self.targets[learn])
-        return poses
+        return self.table.poses(self.targets)
 
     @cached_property
     def candidates(self) -> dict[str, Candidate]:

@@ -127,6 +127,7 @@ class _Explained:
     """A view that a keyframe explains, and what it takes to rehearse on it."""
 
     view: FittedView
+    limit: Array
     rehearsal: Rehearsal
     end: dict[str, Any]
 
@@ -201,7 +202,7 @@ def finish_view(
     if of_group is not None and len(np.unique(of_group)) < 2:
         of_group = None
     interval = rms_interval(errors, of_group)
-    limit = view.keyframe.limit().std * DISPLAY_FACTORS
+    limit = explained.limit * DISPLAY_FACTORS
     loop = _rehearsed(explained.rehearsal, n_jobs, progress)
     loop |= explained.end if loop["success"] else _NO_END
     indices = [DOFS.index(dof) for dof in data.dofs]
@@ -236,7 +237,8 @@ def _explained(view: FittedView, data: PoseImageSet, seed: int) -> _Explained | 
         return None
     rehearsal = Rehearsal(model, STARTS, seed)
     rehearsal.errors  # noqa: B018  found once, and kept
-    return _Explained(view, rehearsal, _end(model, seed))
+    limit = view.keyframe.limit().std
+    return _Explained(view, limit, rehearsal, _end(model, seed))
 
 
 def _rehearsed(rehearsal: Rehearsal, n_jobs: int | None, progress: ProgressBar) -> dict[str, Any]:

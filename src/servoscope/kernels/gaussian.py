@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
+from scipy.linalg import blas, lapack
 from scipy.optimize import minimize
 
+from servoscope.compiled import compiled
 from servoscope.errors import InvalidInputError
 from servoscope.processes import one_blas_thread
 
@@ -78,15 +79,30 @@ def invert(covariance: Array, variance: float) -> tuple[Array, float]:
     covariance = np.array(covariance, order="F")
     covariance[np.diag_indices_from(covariance)] += variance
     factor, failed = lapack.dpotrf(covariance, lower=True, clean=False, overwrite_a=True)
+    _check_definite(failed)
+    half_log_determinant = float(np.log(np.diag(factor)).sum())
+    inverse, _ = lapack.dpotri(factor, lower=True, overwrite_c=True)
+    _mirror(inverse)
+    return inverse, half_log_determinant
+
+
+def _check_definite(failed: int) -> None:
+    """Raise InvalidInputError if a matrix could not be factored."""
     if failed:
         raise InvalidInputError(
             "The covariance is not positive definite; samples are repeated or not finite."
         )
-    half_log_determinant = float(np.log(np.diag(factor)).sum())
-    inverse, _ = lapack.dpotri(factor, lower=True, overwrite_c=True)
-    lower = np.tril(inverse)
-    lower += np.tril(lower, -1).T
-    return lower, half_log_determinant
+
+
+@compiled()
+def _mirror(matrix: Array) -> None:
+    """Fill the upper half with the lower one."""
+    n, step = len(matrix), 32
+    for j0 in range(0, n, step):
+        for i0 in range(j0, n, step):
+            for j in range(j0, min(j0 + step, n)):
+                for i in range(max(i0, j + 1), min(i0 + step, n)):
+                    matrix[j, i] = matrix[i, j]
 
 
 def leave_out_residuals(
@@ -331,25 +347,57 @@ def negative_log_likelihood(parameters: Array, X: Array, y: Array) -> tuple[floa
     The parameters are logarithms of the inverse length scales, of the signal and of the noise.
     """
     weights, (signal, noise) = np.exp(parameters[:-2]), np.exp(parameters[-2:])
-    S = X * weights
-    explained = signal**2 * np.exp(-0.5 * squared_distances(S, S))
-    inverse, half_log_determinant = invert(explained, noise**2 + JITTER * signal**2)
-    alpha = inverse @ y
+    S = np.asfortranarray((X * weights).T)
+    explained = blas.dsyrk(1.0, S, trans=1, lower=1)  # of all matrices the lower half counts
+    factor = np.empty_like(explained)
+    _explain(explained, factor, signal**2, noise**2 + JITTER * signal**2)
+    factor, failed = lapack.dpotrf(factor, lower=1, clean=0, overwrite_a=1)
+    _check_definite(failed)
+    half_log_determinant = np.log(np.diag(factor)).sum()
+    alpha, _ = lapack.dpotrs(factor, y, lower=1)
     away = parameters[:-2] - np.log(PRIOR_WEIGHT)
     value = 0.5 * y @ alpha + half_log_determinant + 0.5 * PRIOR_PRECISION * away @ away
-    slope: NDArray[np.float64] = inverse
-    slope -= np.outer(alpha, alpha)
-    trace = np.trace(slope)
-    slope *= explained
+    slope, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
+    trace, total = _slope(slope, alpha, explained)
     gradient = np.empty_like(parameters)
-    gradient[:-2] = _distance_gradient(slope, S) + PRIOR_PRECISION * away
-    gradient[-2] = slope.sum() + JITTER * signal**2 * trace
+    by_distance = blas.dsymm(1.0, slope, S, side=1, lower=1)
+    gradient[:-2] = np.einsum("ij,ij->i", by_distance, S) + PRIOR_PRECISION * away
+    gradient[-2] = total + JITTER * signal**2 * trace
     gradient[-1] = noise**2 * trace
     return float(value), gradient
 
 
-def _distance_gradient(slope: Array, S: Array) -> Array:
-    """By the log of each weight: ``-1/2 sum_ij slope_ij (s_i - s_j)^2`` for each column of S."""
-    return np.asarray(
-        np.einsum("ij,ij->j", slope @ S, S) - np.einsum("i,ij,ij->j", slope.sum(axis=1), S, S)
-    )
+@compiled()
+def _explain(products: Array, covariance: Array, signal: float, noise: float) -> None:
+    """Of the products of scaled samples their covariances, in place, and those of noisy targets."""
+    n = len(products)
+    squares = np.empty(n)
+    for i in range(n):
+        squares[i] = products[i, i]
+    for j in range(n):
+        for i in range(j, n):
+            distance = max(squares[i] + squares[j] - 2 * products[i, j], 0.0)
+            products[i, j] = signal * np.exp(-0.5 * distance)
+            covariance[i, j] = products[i, j]
+        covariance[j, j] += noise
+
+
+@compiled()
+def _slope(inverse: Array, alpha: Array, explained: Array) -> tuple[float, float]:
+    """The slope by the distance of each two samples, in place of the inverse.
+
+    Returns the trace of the slope by the covariances, and its sum over what is explained.
+    """
+    n = len(alpha)
+    sums = np.zeros(n)
+    trace = 0.0
+    for j in range(n):
+        trace += inverse[j, j] - alpha[j] * alpha[j]
+        for i in range(j, n):
+            inverse[i, j] = (inverse[i, j] - alpha[i] * alpha[j]) * explained[i, j]
+            sums[i] += inverse[i, j]
+            if i > j:
+                sums[j] += inverse[i, j]
+    for j in range(n):
+        inverse[j, j] -= sums[j]
+    return trace, sums.sum()

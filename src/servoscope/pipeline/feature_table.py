@@ -15,6 +15,7 @@ from servoscope.errors import InvalidInputError, PluginError, ServoscopeError
 from servoscope.features.catalogue import Family, resolve_families
 from servoscope.features.image_transformer import LearnedProjection
 from servoscope.features.normalised_images import span_coordinates
+from servoscope.kernels import find_repeats
 from servoscope.pipeline.recipe import Recipe
 from servoscope.processes import in_processes, one_blas_thread
 from servoscope.selection.forecast import Fold, cut_folds
@@ -182,6 +183,19 @@ class FeatureTable:
         """Whether all of some families joined by ``+`` are in it."""
         return set(features.split("+")) <= set(self.families)
 
+    def poses(self, targets: Array) -> Indices:
+        """The pose of each image learned from, -1 of others; images of equal value are its shots.
+
+        Parameters
+        ----------
+        targets : ndarray of shape (n_images, n_targets)
+            Displacements.
+        """
+        poses = np.full(len(self.values), -1)
+        with one_blas_thread():
+            poses[self.learn] = find_repeats(self.values[self.learn], targets[self.learn])
+        return poses
+
     def _usable(
         self, families: Mapping[str, Family], learn: Indices
     ) -> dict[str, tuple[Array, FittedFamily]]:
@@ -205,7 +219,8 @@ class FeatureTable:
         InvalidInputError
             If the table has none of them.
         """
-        member = [i for i, family in enumerate(self.families) if family in recipe.family_names]
+        own = recipe.family_names
+        member = [i for i, family in enumerate(self.families) if family in own]
         if recipe.columns:
             member = [
                 i

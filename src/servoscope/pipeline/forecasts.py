@@ -110,19 +110,15 @@ def forecast_all(
     list of Forecast
         In the order of the jobs, each of one target.
     """
-    of_recipe: dict[str, list[int]] = {}
-    for number, (recipe, _) in enumerate(jobs):
-        of_recipe.setdefault(repr((recipe.name, recipe.columns)), []).append(number)
-    places = [list(dofs).index(dof) for _, dof in jobs]
+    poses = table.poses(targets) if poses is None else poses
     calls = []
-    for numbers in of_recipe.values():
-        own = targets[:, [places[i] for i in numbers]]
-        parts = _parts(table, own, groups, poses, jobs[numbers[0]][0])
-        calls.append((numbers, parts, effort))
-    calls.sort(key=lambda call: -len(call[0]) * len(call[1][2]))  # those that take longest first
+    for number, (recipe, dof) in enumerate(jobs):
+        own = targets[:, [list(dofs).index(dof)]]
+        calls.append((number, _parts(table, own, groups, poses, recipe), effort))
+    calls.sort(key=lambda call: -len(call[1][2]))  # those that take longest first
     found: dict[int, Forecast] = {}
-    for numbers, one in in_processes(_forecast_several, calls, n_jobs, batch_size=1):
-        found |= {number: one.of(i) for i, number in enumerate(numbers)}
+    for number, one in in_processes(_forecast_one, calls, n_jobs, batch_size=1):
+        found[number] = one
         if on_progress is not None:
             on_progress(len(found))
     return [found[number] for number in range(len(jobs))]
@@ -205,10 +201,10 @@ def _dofs_of(candidates: Mapping[str, Candidate]) -> list[str]:
     return sorted(dofs, key=lambda dof: DOFS.index(dof) if dof in DOFS else len(DOFS))
 
 
-def _forecast_several(
-    numbers: list[int], parts: tuple[Any, ...], effort: Mapping[str, int]
-) -> tuple[list[int], Forecast]:
-    return numbers, _forecast(*parts, effort=effort, n_jobs=1)
+def _forecast_one(
+    number: int, parts: tuple[Any, ...], effort: Mapping[str, int]
+) -> tuple[int, Forecast]:
+    return number, _forecast(*parts, effort=effort, n_jobs=1)
 
 
 def _parts(

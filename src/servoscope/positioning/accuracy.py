@@ -16,6 +16,9 @@ from servoscope.positioning.interfaces import Array
 LEAST_GAIN = 0.8
 """A dof is observable if its error is at most this share of that of predicting the mean."""
 
+ADVICE = "see that every image belongs to its pose, none late, and that it shows the part"
+"""What to do where images predict poses no better than their mean."""
+
 _RIGHT = 0.25
 _MOST_OPTIMISTIC = 5.0
 _NORMAL_QUANTILE_90 = 1.645
@@ -108,11 +111,10 @@ def check_observable(error_shares: Mapping[str, float]) -> None:
         f"Images held out are predicted hardly better than by their mean in {shown} (error as a "
         f"share of the mean's, at most {LEAST_GAIN:g})"
     )
-    advice = "see that every image belongs to its pose, none late, and that it shows the part"
     if not is_of_use(error_shares):
-        raise DataSetError(f"{found}; no robot may be moved by that: {advice}.")
+        raise DataSetError(f"{found}; no robot may be moved by that: {ADVICE}.")
     warnings.warn(
-        f"{found}; the robot will not be positioned in these dofs: {advice}.",
+        f"{found}; the robot will not be positioned in these dofs: {ADVICE}.",
         ServoscopeWarning,
         stacklevel=3,
     )

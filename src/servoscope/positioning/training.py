@@ -11,15 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.data.images import PoseImageSet
-from servoscope.data.independence import LEAST_IMAGES
+from servoscope.data.independence import LEAST_IMAGES, independent_groups
+from servoscope.data.splits import LEAST_GROUPS
 from servoscope.dofs import mask_of
 from servoscope.errors import DataSetError, InvalidInputError, ServoscopeWarning
-from servoscope.pipeline import PosePipeline
+from servoscope.keyframe.fitting import evenly_spread
+from servoscope.pipeline import FeatureTable, PosePipeline, Recipe, find_candidates
 from servoscope.poses import DOFS
-from servoscope.positioning.accuracy import check_observable, is_of_use
+from servoscope.positioning.accuracy import ADVICE, check_observable, is_of_use, read_right
 from servoscope.positioning.calibration import Calibration
 from servoscope.positioning.feature_model import FeatureModel
-from servoscope.positioning.keyframe_model import KeyframeModel, read_test_images
+from servoscope.positioning.keyframe_model import (
+    KeyframeModel,
+    fit_and_read,
+    read_test_images,
+)
+from servoscope.processes import one_blas_thread
 
 Array = NDArray[np.float64]
 
@@ -28,6 +35,9 @@ METHODS = ("auto", "keyframe", "features")
 N_STAGES = 3
 """Stages of training that progress is reported of."""
 
+_JUDGES = ("moments", "log_polar", "gradient")
+_NO_BETTER = 0.95
+_MOST_JUDGED, _FITTED, _READ = 100, 20, 6
 _OUTLYING = 1.1
 _MOST_NAMED = 3
 
@@ -158,6 +168,8 @@ def train(
             on_progress=on_progress,
         )
 
+    if method != "features" and not has_recipe and assessment is None:
+        _check_poses(inside, calibration or Calibration(), n_jobs)
     model: KeyframeModel | FeatureModel
     if method == "features" or (method == "auto" and has_recipe):
         model = features()
@@ -182,6 +194,61 @@ def _check_dofs(data: PoseImageSet) -> None:
             f"{', '.join(still or DOFS)} never move in this data set; take images that are, or "
             "name other dofs."
         )
+
+
+def _check_poses(data: PoseImageSet, calibration: Calibration, n_jobs: int | None) -> None:
+    """Refuse images that are not of their poses, which models are long in finding out.
+
+    Raises
+    ------
+    DataSetError
+        If features are forecast to predict no dof better than its mean, and a keyframe of a few
+        of the images reads none of some others right.
+    """
+    if len(data) < LEAST_IMAGES:
+        return
+    labels = independent_groups(data).labels
+    few = evenly_spread(np.flatnonzero(labels >= 0), _MOST_JUDGED)
+    if len(np.unique(labels[few])) < LEAST_GROUPS:
+        return
+    shares = _forecast_shares(data.subset(few), labels[few], n_jobs)
+    if min(shares.values()) < _NO_BETTER:
+        return
+    fitted, read = evenly_spread(few[::2], _FITTED), evenly_spread(few[1::2], _READ)
+    try:
+        with one_blas_thread():
+            _, readings = fit_and_read(data, fitted, read, calibration)
+        right = read_right(np.abs(readings.errors) * mask_of(data.dofs), data.ranges())
+    except InvalidInputError:
+        right = np.zeros(len(read), dtype=bool)
+    if not right.any():
+        shown = ", ".join(f"{dof} {share:.2f}" for dof, share in shares.items())
+        raise DataSetError(
+            f"The images say nothing of their poses: features are forecast to err as much as the "
+            f"mean ({shown} of its error), and a keyframe of {len(fitted)} of them reads none of "
+            f"{len(read)} others right; no robot may be moved by that: {ADVICE}."
+        )
+
+
+def _forecast_shares(
+    data: PoseImageSet, labels: NDArray[np.intp], n_jobs: int | None
+) -> dict[str, float]:
+    """By dof, the least error that features are forecast to reach, as a share of the mean's."""
+    moving, every = mask_of(data.dofs), np.arange(len(data))
+    targets = data.delta_p()[:, moving] / data.ranges()[moving]
+    groups = labels if len(np.unique(labels)) < len(labels) else None
+    table = FeatureTable.fit(data.images, targets, _JUDGES, every, n_jobs=n_jobs)
+    recipes = [Recipe(name) for name in table.fitted]
+    found = find_candidates(
+        table, targets, groups, recipes, data.dofs, dofs=data.dofs, n_jobs=n_jobs
+    )
+    return {
+        dof: min(
+            float(one.forecasts[dof].rms[0] / max(float(one.forecasts[dof].baseline[0]), 1e-12))
+            for one in found.values()
+        )
+        for dof in data.dofs
+    }
 
 
 def _first_of_use(
