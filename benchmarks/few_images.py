@@ -18,8 +18,7 @@ from benchmarks.tables import Findings
 from servoscope import AcquisitionConfig, acquire
 from servoscope.positioning import KeyframeModel, train
 from servoscope.processes import in_processes, one_blas_thread
-from servoscope.scoreboard.cell import robot_at_reference, robot_in_cell
-from servoscope.scoreboard.conditions import CONDITIONS
+from servoscope.scoreboard.cell import CONDITIONS, robot_at_reference, robot_in_cell
 from servoscope.scoreboard.methods import loop_settings
 from servoscope.scoreboard.trial import SUCCESS_DEG, SUCCESS_MM, Trial, run_trial
 

@@ -43,7 +43,7 @@ from servoscope.scene.cylinder_head import CylinderHead
 from servoscope.scene.render import render
 from servoscope.scene.scene import T_WORLD_REF, Scene
 from servoscope.scene.textured_plane import TexturedPlane
-from servoscope.scoreboard.conditions import CONDITIONS
+from servoscope.scoreboard.cell import CONDITIONS
 
 PIVOT = 0.55
 RANGES = np.array([0.025] * 3 + [np.radians(15)] * 3)

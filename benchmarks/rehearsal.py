@@ -19,8 +19,7 @@ from servoscope.positioning import train
 from servoscope.processes import one_blas_thread
 from servoscope.rehearsal import Rehearsal
 from servoscope.rehearsal.run import summarise_rehearsal
-from servoscope.scoreboard.cell import robot_at_reference, robot_in_cell
-from servoscope.scoreboard.conditions import CONDITIONS, SCENES
+from servoscope.scoreboard.cell import CONDITIONS, SCENES, robot_at_reference, robot_in_cell
 from servoscope.scoreboard.methods import loop_settings
 from servoscope.scoreboard.page import TITLES
 from servoscope.scoreboard.trial import run_trial

@@ -13,8 +13,7 @@ from servoscope.rehearsal import OwnErrors, Rehearsal, TrueView
 from servoscope.rehearsal.page import rehearsal_table
 from servoscope.rehearsal.rendered_cell import cell_at_reference, cell_at_start
 from servoscope.rehearsal.run import REHEARSED, as_keyframe_model, summarise_rehearsal, verdict
-from servoscope.scoreboard.cell import start_direction
-from servoscope.scoreboard.conditions import CONDITIONS
+from servoscope.scoreboard.cell import CONDITIONS, start_direction
 from servoscope.scoreboard.trial import Trial
 
 EXACT = OwnErrors(np.zeros(6), 0.0)

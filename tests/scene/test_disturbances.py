@@ -23,7 +23,7 @@ from servoscope.scene.disturbances import (
 from servoscope.scene.render import render, render_radiance
 from servoscope.scene.scene import T_WORLD_REF, Scene
 from servoscope.scene.textured_plane import TexturedPlane
-from servoscope.scoreboard.conditions import CONDITIONS
+from servoscope.scoreboard.cell import CONDITIONS
 
 
 def disturbed(image: np.ndarray, seed: int = 0, **strengths: float) -> np.ndarray:

@@ -9,8 +9,7 @@ from servoscope.poses import displacements_from_poses, pose_error
 from servoscope.scene.render import render
 from servoscope.scene.scene import T_WORLD_REF, Scene
 from servoscope.scene.textured_plane import TexturedPlane
-from servoscope.scoreboard.cell import PIVOT, RANGES, robot_at_start, start_pose
-from servoscope.scoreboard.conditions import CONDITIONS, SCENES
+from servoscope.scoreboard.cell import CONDITIONS, PIVOT, RANGES, SCENES, robot_at_start, start_pose
 
 NAMES = (
     "range_0.4 range_1.0 range_1.5 gain_0.8 gain_0.95 light_moved covered_10 covered_20 noise_10 "

@@ -10,7 +10,7 @@ from scoreboard_stand_in import replace_learners
 from servoscope.cli import main
 from servoscope.errors import InvalidInputError
 from servoscope.scoreboard import run as scoreboard_run
-from servoscope.scoreboard.conditions import CONDITIONS, SCENES
+from servoscope.scoreboard.cell import CONDITIONS, SCENES
 from servoscope.scoreboard.methods import METHODS
 from servoscope.scoreboard.page import write_scoreboard
 from servoscope.scoreboard.plan import Plan

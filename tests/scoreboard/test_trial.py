@@ -8,8 +8,7 @@ import pytest
 from scoreboard_stand_in import FullStep, Nearest, Oracle
 from servoscope.acquisition import AcquisitionConfig, acquire
 from servoscope.positioning import LoopSettings
-from servoscope.scoreboard.cell import robot_at_reference, robot_at_start
-from servoscope.scoreboard.conditions import CONDITIONS
+from servoscope.scoreboard.cell import CONDITIONS, robot_at_reference, robot_at_start
 from servoscope.scoreboard.methods import loop_settings
 from servoscope.scoreboard.trial import Trial, run_start, run_trial
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from servoscope.sensitivity import ErrorGrowth
-from servoscope.sensitivity.growth import first_reached
+from servoscope.sensitivity.measurement import first_reached
 
 
 def growth(simulated, predicted, strengths=(-2.0, -1.0, 1.0, 2.0), clean=1.0):

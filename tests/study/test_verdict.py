@@ -6,6 +6,12 @@ import pytest
 from servoscope.assessment.page import describe_agreement
 from servoscope.poses import DOFS
 from servoscope.selection import CRITERIA
+from servoscope.study.page import (
+    describe_accuracy,
+    describe_chance,
+    describe_criteria,
+    describe_forecasts,
+)
 from servoscope.study.paper import table2
 from servoscope.study.results import list_units
 from servoscope.study.tables import (
@@ -15,12 +21,6 @@ from servoscope.study.tables import (
     criteria_table,
     information_table,
     redundancy_table,
-)
-from servoscope.study.verdict import (
-    describe_accuracy,
-    describe_chance,
-    describe_criteria,
-    describe_forecasts,
 )
 
 

@@ -38,7 +38,7 @@ def benchmark_positioning(
 
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import print_json, progress_bar
-    from servoscope.scoreboard.conditions import SCENES
+    from servoscope.scoreboard.cell import SCENES
     from servoscope.scoreboard.page import write_scoreboard
     from servoscope.scoreboard.plan import Plan
     from servoscope.scoreboard.run import Scoreboard

@@ -113,7 +113,7 @@ def position(
     from servoscope.positioning import LoopSettings, PositioningModel
     from servoscope.positioning.interfaces import dofs_of
     from servoscope.scene.scene import T_WORLD_REF
-    from servoscope.scoreboard.conditions import CONDITIONS
+    from servoscope.scoreboard.cell import CONDITIONS
 
     if condition not in CONDITIONS:
         raise InvalidInputError(

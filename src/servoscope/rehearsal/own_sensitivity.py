@@ -33,9 +33,9 @@ from servoscope.scene.disturbances import (
 )
 from servoscope.scene.scene import Scene
 from servoscope.scoreboard.cell import start_direction
-from servoscope.sensitivity.growth import ErrorGrowth
 from servoscope.sensitivity.measurement import (
     N_DRAWS,
+    ErrorGrowth,
     all_strengths,
     differences,
     error_growths,

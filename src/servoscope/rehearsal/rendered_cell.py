@@ -17,8 +17,7 @@ from servoscope.robots.registry import LateImages, SimulatedRobot
 from servoscope.scene.disturbances import added_noise
 from servoscope.scene.lighting import Falloff, Lighting
 from servoscope.scene.scene import STANDOFF, T_WORLD_REF, Scene
-from servoscope.scoreboard.cell import start_direction, trial_rng
-from servoscope.scoreboard.conditions import CONDITIONS, Condition
+from servoscope.scoreboard.cell import CONDITIONS, Condition, start_direction, trial_rng
 
 Array = NDArray[np.float64]
 

@@ -19,8 +19,7 @@ from servoscope.positioning.keyframe_model import KeyframeModel
 from servoscope.processes import ProgressBar, in_processes, no_progress, one_blas_thread
 from servoscope.rehearsal.rendered_cell import cell_at_reference, cell_at_start
 from servoscope.rehearsal.true_view import OwnErrors
-from servoscope.scoreboard.cell import start_direction
-from servoscope.scoreboard.conditions import CONDITIONS
+from servoscope.scoreboard.cell import CONDITIONS, start_direction
 from servoscope.scoreboard.methods import loop_settings
 from servoscope.scoreboard.summary import summarise
 from servoscope.scoreboard.trial import Trial, run_trial

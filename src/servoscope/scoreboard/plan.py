@@ -16,7 +16,7 @@ from servoscope.errors import InvalidInputError
 from servoscope.poses import DOFS
 from servoscope.positioning import Estimator, PositioningModel
 from servoscope.processes import ProgressBar, one_blas_thread
-from servoscope.scoreboard.conditions import CONDITIONS
+from servoscope.scoreboard.cell import CONDITIONS
 from servoscope.scoreboard.methods import LEARNERS, METHODS, make_photometric
 
 QUICK_CONDITIONS = ("range_1.0", "gain_0.8", "covered_10", "noise_10")

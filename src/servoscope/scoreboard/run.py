@@ -15,7 +15,7 @@ from servoscope import __version__
 from servoscope.errors import RunFolderError
 from servoscope.positioning import Estimator
 from servoscope.processes import ProgressBar, in_processes, no_progress
-from servoscope.scoreboard.conditions import CONDITIONS, SCENES
+from servoscope.scoreboard.cell import CONDITIONS, SCENES
 from servoscope.scoreboard.methods import loop_settings
 from servoscope.scoreboard.plan import Factory, Plan, Stages
 from servoscope.scoreboard.summary import check_targets, summarise

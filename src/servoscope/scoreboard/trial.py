@@ -15,8 +15,7 @@ from servoscope.positioning import Estimator, LoopSettings, Positioner, Position
 from servoscope.positioning.result import plain
 from servoscope.processes import one_blas_thread
 from servoscope.robots.registry import SimulatedRobot
-from servoscope.scoreboard.cell import robot_at_reference, robot_at_start, start_pose
-from servoscope.scoreboard.conditions import CONDITIONS
+from servoscope.scoreboard.cell import CONDITIONS, robot_at_reference, robot_at_start, start_pose
 
 Array = NDArray[np.float64]
 
