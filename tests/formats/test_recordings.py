@@ -120,6 +120,21 @@ def test_a_camera_at_rest_says_nothing_of_clocks():
     assert found is None or not found.is_believable
 
 
+def test_images_at_rest_leave_the_offset_open():
+    rng = np.random.default_rng(2)
+    stops = np.cumsum(rng.normal(0, 0.01, (80, 3)), axis=0)
+    rest = 2.0 * np.arange(80)
+    times = (rest[:, None] + np.linspace(-0.8, 0.8, 17)).ravel()
+    T = np.tile(np.eye(4), (len(times), 1, 1))
+    T[:, :3, 3] = np.repeat(stops, 17, axis=0)
+    shifts = -140 * np.diff(stops[:, :2], axis=0) + rng.normal(0, 0.1, (79, 2))
+    found = estimate_clock_offset(ImagePairs(rest[:-1], rest[1:], shifts), Trajectory(times, T))
+    assert found.std > 0.5
+    assert abs(found.seconds) < 0.2
+    assert not found.is_believable
+    assert not found.is_certain
+
+
 def test_the_most_images_are_chosen_evenly_and_the_rest_is_counted(recording):
     with pytest.warns(ServoscopeWarning, match="130 between others"):
         data = read_tum(recording, TumOptions(reference_index=75, max_images=20, clock_offset=0))

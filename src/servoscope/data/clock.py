@@ -29,6 +29,9 @@ MOST_SECONDS = 1.0
 MOST_UNEXPLAINED = 0.5
 """Share of the shifts that may be unexplained where an offset is believed."""
 
+MOST_STD = 0.05
+"""Standard deviation from which an offset is of no use, [s]."""
+
 _NEAR = 0.75  # of the usual pause between poses, from a time to the pose nearest to it
 _BLOCKS = 10
 _MOST_LAGS = 120
@@ -69,9 +72,8 @@ class ClockOffset(NamedTuple):
 
     @property
     def is_believable(self) -> bool:
-        """Whether the motions explain most of the shifts then."""
-        is_explained = self.unexplained_then < MOST_UNEXPLAINED
-        return is_explained and self.std < 0.25 * MOST_SECONDS
+        """Whether the motions explain most of the shifts then, and hardly as well elsewhere."""
+        return self.unexplained_then < MOST_UNEXPLAINED and self.std < MOST_STD
 
     @property
     def is_certain(self) -> bool:
@@ -117,7 +119,9 @@ def estimate_clock_offset(pairs: ImagePairs, trajectory: Trajectory) -> ClockOff
 
     Notes
     -----
-    The standard deviation is that of the jackknife over stretches of the recording.
+    The standard deviation is that of the jackknife over stretches of the recording, or half the
+    range of lags that explain as much up to chance, if that is larger: of images that were taken
+    while the camera stood still, many do.
 
     Examples
     --------
@@ -150,6 +154,10 @@ def estimate_clock_offset(pairs: ImagePairs, trajectory: Trajectory) -> ClockOff
     if np.isnan(curve).all():
         return None
     best = float(lags[np.nanargmin(curve)])
+    equal = lags[curve <= np.nanmin(curve) * (1 + 1 / len(pairs.first)) + 1e-9]
+    if (range_ := float(np.ptp(equal)) / 2 - step) > step:
+        lag = best = float(equal.mean())
+        return ClockOffset(lag, range_, left(0.0), left(lag))
     lag = _refined(left, best, step)
     blocks = np.array_split(np.argsort(pairs.first, kind="stable"), _BLOCKS)
     every = np.arange(len(pairs.first))

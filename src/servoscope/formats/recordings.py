@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from servoscope.data.clock import (
     LEAST_PAIRS,
+    MOST_STD,
     ClockOffset,
     ImagePairs,
     estimate_clock_offset,
@@ -146,12 +147,12 @@ def _clock_offset(
     pairs = _image_pairs(images, times, trajectory, _RUNS if asked is None else _MORE_RUNS)
     found = None if pairs is None else estimate_clock_offset(pairs, trajectory)
     if asked == "estimate" and (found is None or not found.is_believable):
-        why = (
-            f"the motions leave {100 * found.unexplained_then:.0f} % of the images' shifts "
-            "unexplained"
-            if found is not None
-            else "too few images were taken shortly after each other while the camera moved"
-        )
+        why = "too few images were taken shortly after each other while the camera moved"
+        if found is not None and found.std >= MOST_STD:
+            why = f"lags within {1e3 * found.std:.0f} ms explain what the images show as well"
+        elif found is not None:
+            left = 100 * found.unexplained_then
+            why = f"the motions leave {left:.0f} % of the images' shifts unexplained"
         raise DataSetError(
             f"{images.folder}: the clock offset cannot be estimated, since {why}; give it in "
             "seconds, or leave --clock-offset out."
