@@ -32,7 +32,7 @@ from servoscope.features import compute_image_basis
 from servoscope.pipeline import FeatureTable
 from servoscope.poses import DISPLACEMENTS
 from servoscope.processes import in_processes
-from servoscope.selection import MutualInfoSelector, forecast_from_folds, refit_features
+from servoscope.selection import Fold, MutualInfoSelector, cut_folds, forecast_from_folds
 from servoscope.selection.rms_interval import rms_interval
 from servoscope.study.information import CANDIDATES, lfa_window, study_table
 from servoscope.study.paper import FAMILIES as PAPER_FAMILIES
@@ -116,7 +116,15 @@ def measure(folder: Path, seed: int, form: str) -> list[Point]:
     fitted = StudyFeatures().fit(images, known)
     table = study_table(fitted.transform(data.images), fitted.names)
     groups = None if runs is None else runs[split.train]
-    folds = refit_features(StudyFeatures(), images, known, groups=groups)
+    folds = [
+        Fold(
+            out,
+            StudyFeatures()
+            .fit(np.delete(images, out, 0), np.delete(known, out, 0))
+            .transform(images),
+        )
+        for out in cut_folds(known, groups, n_folds=5)
+    ]
     points = []
     for j, dof in enumerate(sv.DOFS):
         subsets = feature_subsets(table, targets[:, j], split.train, dof)

@@ -56,7 +56,6 @@ from .robots.recorded import RecordedRobot as RecordedRobot
 from .selection import Forecast as Forecast
 from .selection import LearningCurve as LearningCurve
 from .selection import MutualInfoSelector as MutualInfoSelector
-from .selection import crossfit_forecast as crossfit_forecast
 from .selection import forecast_errors as forecast_errors
 from .selection import forward_selection as forward_selection
 from .selection import information_test as information_test

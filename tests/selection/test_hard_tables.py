@@ -9,21 +9,17 @@ import servoscope as sv
 from servoscope.errors import InvalidInputError
 from servoscope.selection.candidates import Candidates
 from servoscope.selection.criteria import CRITERIA
-from servoscope.selection.forecast import crossfit_forecast, forecast_errors
+from servoscope.selection.forecast import Fold, cut_folds, forecast_errors, forecast_from_folds
 from servoscope.selection.forward import forward_selection
 from servoscope.selection.learning_curves import learning_curve
 
 EXTREME = (1e-300, 1e-200, 1e-70, 1e70, 1e200, 1e300)
 
 
-class Identity:
-    """Features that are the images."""
-
-    def fit(self, images, Y):
-        return self
-
-    def transform(self, images):
-        return images
+def in_folds(X, y):
+    """The forecast of features that are the same in every fold."""
+    parts = cut_folds(np.asarray(y)[:, None], None, 5)
+    return forecast_from_folds([Fold(part, X) for part in parts], y)
 
 
 def samples(n=60, seed=0, noise=0.1):
@@ -55,8 +51,8 @@ def test_forecasts_follow_the_unit_of_the_target_at_any_scale(scale):
         assert found.explained == pytest.approx(plain.explained, abs=0.02)
     errors = forward_selection(X, scale * y, 2).errors / scale
     assert errors == pytest.approx(forward_selection(X, y, 2).errors, rel=0.02)
-    folds = crossfit_forecast(Identity(), X, scale * y).rms / scale
-    assert folds == pytest.approx(crossfit_forecast(Identity(), X, y).rms, rel=0.02)
+    folds = in_folds(X, scale * y).rms / scale
+    assert folds == pytest.approx(in_folds(X, y).rms, rel=0.02)
 
 
 def test_learning_curves_follow_the_unit_of_the_target():
@@ -102,7 +98,7 @@ def test_parts_and_subsets_keep_the_shots_of_a_pose_together():
     order = np.random.default_rng(0).permutation(160)
     X, y = X[order], y[order]
     spread = 0.3
-    assert crossfit_forecast(Identity(), X, y).rms[0] > 0.8 * spread
+    assert in_folds(X, y).rms[0] > 0.8 * spread
     curve = learning_curve(X, y)
     assert curve.rms.min() > 0.8 * spread
     assert forward_selection(X, y, 2).errors.min() > 0.7 * spread
@@ -126,7 +122,7 @@ def test_groups_given_are_kept_and_poses_are_not_divided_by_them():
         forward_selection,
         lambda X, y: sv.MutualInfoSelector(2).fit(X, y),
         lambda X, y: sv.pairwise_mutual_information(np.ma.column_stack([X, y])),
-        lambda X, y: crossfit_forecast(Identity(), X, y),
+        in_folds,
         Candidates,
     ],
 )

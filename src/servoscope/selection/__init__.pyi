@@ -10,13 +10,11 @@ from .estimators import information_bias as information_bias
 from .estimators import information_test as information_test
 from .estimators import mutual_information as mutual_information
 from .estimators import pairwise_mutual_information as pairwise_mutual_information
-from .forecast import FeatureFamily as FeatureFamily
 from .forecast import Fold as Fold
 from .forecast import Forecast as Forecast
-from .forecast import crossfit_forecast as crossfit_forecast
+from .forecast import cut_folds as cut_folds
 from .forecast import forecast_errors as forecast_errors
 from .forecast import forecast_from_folds as forecast_from_folds
-from .forecast import refit_features as refit_features
 from .forward import ForwardRanking as ForwardRanking
 from .forward import forward_selection as forward_selection
 from .forward import rank_forward as rank_forward

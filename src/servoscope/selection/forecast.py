@@ -5,10 +5,8 @@ Features that are fitted to images are fitted anew without those that count.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from copy import deepcopy
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,7 +28,7 @@ from servoscope.selection.rms_interval import (
     rms_ratio_interval,
     root_mean_square,
 )
-from servoscope.selection.samples import Poses, as_samples, as_table, group_poses, in_ordinary_units
+from servoscope.selection.samples import Poses, as_samples, group_poses, in_ordinary_units
 
 Array = NDArray[np.float64]
 Groups = NDArray[np.intp]
@@ -156,7 +154,7 @@ def forecast_errors(
     ----------
     X : array of shape (n_samples, n_features)
         Features. Those that were fitted on these very images, above all with their poses, seem
-        better than they are: see `crossfit_forecast`.
+        better than they are: see `forecast_from_folds`.
     Y : array of shape (n_samples, n_targets) or (n_samples,)
     groups : array of shape (n_samples,), optional
         What belongs together and is left out together, such as the blocks of a sequence; 4 groups
@@ -321,21 +319,10 @@ def _residuals_about_mean(targets: Array, groups: Groups | None) -> Array:
     return np.asarray(centred + (sums / (len(targets) - sizes))[groups])
 
 
-Progress = Callable[[int], object]
 Indices = NDArray[np.intp]
 
 _LEAST_GAIN = 0.8
 """Nothing is hoped from the samples left out that would lower an error by more than this."""
-
-
-class FeatureFamily(Protocol):
-    """Features that are fitted to images and to their targets."""
-
-    def fit(self, images: Any, Y: Any) -> Any:
-        """Fit to training images."""
-
-    def transform(self, images: Any) -> Any:
-        """Features of images, one row each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -351,111 +338,6 @@ class Fold:
 
     left_out: Indices
     X: Array
-
-
-def crossfit_forecast(
-    family: FeatureFamily,
-    images: NDArray[Any],
-    Y: ArrayLike,
-    *,
-    groups: ArrayLike | None = None,
-    n_folds: int = 5,
-    coverage: float = 0.9,
-    n_jobs: int | None = 1,
-    max_samples: int = 300,
-    max_iter: int = 25,
-    on_progress: Progress | None = None,
-) -> Forecast:
-    """The RMS error that each target will reach from features that are fitted to images.
-
-    `forecast_errors` is enough for features that need no fitting. Those fitted to the training
-    images, and even more so to their poses, inform more about these images than about new ones.
-
-    Parameters
-    ----------
-    family : object with ``fit(images, Y)`` and ``transform(images)``
-        Is left as it is; copies of it are fitted.
-    images : array of shape (n_images, ...)
-    Y : array of shape (n_images, n_targets) or (n_images,)
-    groups : array of shape (n_images,), optional
-        What is left out together, such as the blocks of a sequence; 4 groups at least.
-    n_folds : int
-        Parts that are left out in turn, 2 at least.
-    coverage, n_jobs, max_samples, max_iter
-        As of `forecast_errors`.
-
-    Returns
-    -------
-    Forecast
-
-    Raises
-    ------
-    InvalidInputError
-        If `Y` or the features are not finite, or there are too few images, groups or folds.
-
-    Notes
-    -----
-    Features and kernel are fitted without one part, whose images are then predicted. That is an
-    error from fewer images than there are. How much the others are worth is taken from leaving as
-    large a share once more out of those that predict: errors fall as a power of the number of
-    images, so that equal ratios of images give equal ratios of errors.
-
-    Examples
-    --------
-    >>> class Sums:
-    ...     def fit(self, images, Y):
-    ...         return self
-    ...     def transform(self, images):
-    ...         return images.sum(axis=1)
-    >>> rng = np.random.default_rng(0)
-    >>> images = rng.uniform(size=(200, 4, 2))
-    >>> y = np.sin(images.sum(axis=1)[:, 0]) + rng.normal(0, 0.1, 200)
-    >>> crossfit_forecast(Sums(), images, y).rms.round(1)
-    array([0.1])
-    """
-    folds = refit_features(
-        family, images, Y, groups=groups, n_folds=n_folds, on_progress=on_progress
-    )
-    return forecast_from_folds(
-        folds,
-        Y,
-        groups=groups,
-        coverage=coverage,
-        n_jobs=n_jobs,
-        max_samples=max_samples,
-        max_iter=max_iter,
-    )
-
-
-def refit_features(
-    family: FeatureFamily,
-    images: NDArray[Any],
-    Y: ArrayLike,
-    *,
-    groups: ArrayLike | None = None,
-    n_folds: int = 5,
-    on_progress: Progress | None = None,
-) -> list[Fold]:
-    """Features of all images, fitted anew without each part of them in turn.
-
-    Parameters
-    ----------
-    family, images, Y, groups, n_folds, on_progress
-        As of `crossfit_forecast`.
-
-    Returns
-    -------
-    list of Fold
-    """
-    _, targets = as_samples(np.arange(len(images))[:, None], Y)
-    folds = []
-    for left_out in cut_folds(targets, groups, n_folds):
-        used = np.delete(np.arange(len(images)), left_out)
-        fitted = deepcopy(family).fit(images[used], targets[used])
-        folds.append(Fold(left_out, as_table(fitted.transform(images), "The features")))
-        if on_progress is not None:
-            on_progress(len(folds))
-    return folds
 
 
 def cut_folds(Y: Array, groups: ArrayLike | None, n_folds: int) -> list[Indices]:
@@ -484,12 +366,15 @@ def forecast_from_folds(
     max_samples: int = 300,
     max_iter: int = 25,
 ) -> Forecast:
-    """The forecast that features fitted anew in folds allow.
+    """The RMS error that each target will reach from features that are fitted to images.
+
+    `forecast_errors` is enough for features that need no fitting. Those fitted to the training
+    images, and even more so to their poses, inform more about these images than about new ones.
 
     Parameters
     ----------
     folds : sequence of Fold
-        From `refit_features`; they serve for any number of subsets of features.
+        Of parts from `cut_folds`; they serve for any number of subsets of features.
     Y : array of shape (n_images, n_targets) or (n_images,)
     columns : array of int, optional
         The features that count; all of them by default.
@@ -499,6 +384,13 @@ def forecast_from_folds(
     Returns
     -------
     Forecast
+
+    Notes
+    -----
+    Features and kernel are fitted without one part, whose images are then predicted. That is an
+    error from fewer images than there are. How much the others are worth is taken from leaving as
+    large a share once more out of those that predict: errors fall as a power of the number of
+    images, so that equal ratios of images give equal ratios of errors.
     """
     check_coverage(coverage)
     chosen = slice(None) if columns is None else np.asarray(columns, dtype=np.intp)
