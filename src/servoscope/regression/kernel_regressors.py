@@ -187,27 +187,10 @@ RIDGES = 10.0 ** np.arange(-7, 1, 0.5)
 class GaussianKernelRidge(KernelRegressor):
     """Kernel ridge regression with one length scale for all features.
 
-    The features are standardised. Length scale and ridge are those of a grid with the least
-    error at samples left out, among at most 600 samples. The predicted standard deviation is that
-    of the Gaussian process of the same kernel, its signal such that the errors at samples left
-    out are as large as it says. Validation samples are not needed; those that `fit` is given set
-    the size of the standard deviation instead, and are then learned from like the others.
-
-    Parameters
-    ----------
-    max_samples : int
-        Of more samples than that, so many drawn at random are learned from, always the same
-        ones: memory grows with their square and time with their cube.
-
-    Attributes
-    ----------
-    kernel_ : GaussianKernel
-        Length scales, signal and noise in the units of the features and the target.
-    posterior_ : KernelPosterior
-        The kernel with the samples.
-    n_features_in_ : int
-    feature_names_in_ : ndarray of shape (n_features_in_,)
-        Only where X had names.
+    The features are standardised. Length scale and ridge are those of a grid with the least error
+    at samples left out, among at most 600 samples. The predicted standard deviation is that of the
+    Gaussian process of the same kernel, its signal such that the errors at samples left out are as
+    large as it says. Validation samples, `max_samples` and attributes are as of `GaussianProcess`.
 
     Notes
     -----

@@ -241,31 +241,9 @@ class LMRegressor(NetworkRegressor):
 class LBFGSRegressor(NetworkRegressor):
     """A network of tanh hidden units and one linear output, trained by L-BFGS.
 
-    Like `LMRegressor` in all but the steps, which are many and cheap: inputs and target are
-    standardised, training goes on until the error on the validation samples has not fallen by
-    0.5 % for `patience` steps, and the weights of its lowest point are kept, of the best of
-    `restarts` random starts. Without validation samples `weight_decay` alone holds training back.
-    The predicted standard deviation is that of `LMRegressor`.
-
-    Parameters
-    ----------
-    hidden : int
-        Number of tanh units.
-    restarts : int
-        Number of random starts.
-    max_iter : int
-        Most steps of one start.
-    patience : int
-        Steps without a lower validation error after which a start is over.
-    weight_decay : float
-        Factor of the squared weights, which are added to the sum of the squared residuals.
-    random_state : int, RandomState or None
-        Draws the starts.
-
-    Attributes
-    ----------
-    network_, results_, result_, n_iter_, n_features_in_, feature_names_in_
-        As of `LMRegressor`.
+    Like `LMRegressor`, whose parameters of the same names and whose attributes it has, in all but
+    the steps, which are many and cheap. Without validation samples `weight_decay` alone holds
+    training back.
 
     Examples
     --------
@@ -307,25 +285,9 @@ class BayesianLMRegressor(NetworkRegressor):
 
     It is trained by Levenberg-Marquardt under a strong weight decay, then under weaker and weaker
     ones; the decay of the largest evidence is kept, of the best of `restarts` random starts. The
-    predicted standard deviation is that of Laplace's approximation. Validation samples are not
-    needed; those that `fit` is given set the size of the standard deviation, and are then learned
-    from like the others.
-
-    Parameters
-    ----------
-    hidden : int
-        Number of tanh units.
-    restarts : int
-        Number of random starts.
-    random_state : int, RandomState or None
-        Draws the starts.
-
-    Attributes
-    ----------
-    posterior_ : WeightPosterior
-        What the samples leave open, for standardised inputs and target.
-    network_, results_, result_, n_iter_, n_features_in_, feature_names_in_
-        As of `LMRegressor`; the results are `BayesianResult`.
+    predicted standard deviation is that of Laplace's approximation, `posterior_`. Validation
+    samples are not needed; those that `fit` is given set the size of the standard deviation, and
+    are then learned from like the others. Parameters and attributes are as of `LMRegressor`.
 
     Examples
     --------

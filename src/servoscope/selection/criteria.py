@@ -22,16 +22,6 @@ from servoscope.selection.ideal_point import rank_ideal_point, rank_ideal_point_
 def rank_jmi(candidates: Candidates, n_features: int) -> Ranking:
     """Rank features by their joint information with each of those selected so far.
 
-    Parameters
-    ----------
-    candidates : Candidates
-    n_features : int
-        How many features to rank; all of them if there are fewer.
-
-    Returns
-    -------
-    Ranking
-
     Notes
     -----
     Each step selects the greatest ``sum_k I(f, f_k; y)`` over the features ``f_k`` selected so

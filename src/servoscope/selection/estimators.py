@@ -138,19 +138,10 @@ def corrected_mutual_information(
     n_bins: int = 10,
     correction: str = "miller_madow",
 ) -> NDArray[np.float64]:
-    """Mutual information of every feature with every target less its bias, [bits].
-
-    Parameters
-    ----------
-    X, y, n_bins, correction
-        As of `information_bias`.
-
-    Returns
-    -------
-    ndarray of shape (n_features,) or (n_features, n_targets)
-        At most the entropy of either binned variable. Values below 0 stand as they are, so that
-        unrelated variables have a mean of 0; clip them where information is summed or compared
-        with a threshold.
+    """Mutual information of every feature with every target less its bias, [bits], as of
+    `information_bias`. It is at most the entropy of either binned variable. Values below 0 stand as
+    they are, so that unrelated variables have a mean of 0; clip them where information is summed or
+    compared with a threshold.
 
     Examples
     --------
@@ -358,24 +349,8 @@ def equal_frequency_information(
 ) -> NDArray[np.float64]:
     """Mutual information of every feature with every target from bins of equal frequency, [bits].
 
-    It does not change when a variable is replaced by a growing function of it. Its bias is that
-    of `mutual_information`.
-
-    Parameters
-    ----------
-    X : array of shape (n_samples, n_features)
-    y : array of shape (n_samples,) or (n_samples, n_targets)
-    n_bins : int
-        2 to 256.
-
-    Returns
-    -------
-    ndarray of shape (n_features,) or (n_features, n_targets)
-
-    Raises
-    ------
-    InvalidInputError
-        If the samples do not fit, or `n_bins` is out of range.
+    It does not change when a variable is replaced by a growing function of it; all else is as of
+    `mutual_information`.
 
     Examples
     --------

@@ -74,18 +74,7 @@ class _Samples:
 
 
 def rank_forward(candidates: Candidates, n_features: int) -> ForwardRanking:
-    """Rank features by forward selection; each pose is left out by itself.
-
-    Parameters
-    ----------
-    candidates : Candidates
-    n_features : int
-        How many features to rank; all of them if there are fewer.
-
-    Returns
-    -------
-    ForwardRanking
-    """
+    """Rank features by forward selection; each pose is left out by itself."""
     return forward_selection(candidates.X, candidates.y, n_features)
 
 

@@ -89,25 +89,9 @@ def _checked(
 def rank_ideal_point_corrected(
     candidates: Candidates, n_features: int, correction: str = "miller_madow"
 ) -> Ranking:
-    """Rank features by the ideal-point rule on corrected information.
+    """Rank features by the ideal-point rule on corrected information, see `information_bias`.
 
-    Parameters
-    ----------
-    candidates : Candidates
-    n_features : int
-        How many features to rank; all of them if there are fewer.
-    correction : {"miller_madow", "chi_square", "permutation"}
-        See `information_bias`.
-
-    Returns
-    -------
-    Ranking
-        Its relevance and redundancy are the corrected ones.
-
-    Raises
-    ------
-    InvalidInputError
-        If the correction is unknown, or `n_features` is not positive.
+    The relevance and redundancy of the ranking are the corrected ones.
 
     Notes
     -----
@@ -156,14 +140,8 @@ DEFAULT_THRESHOLDS = tuple(i / 20 for i in range(21))
 
 @dataclass(frozen=True)
 class ThresholdSubset:
-    """The features whose information is above each of the given thresholds.
-
-    Parameters
-    ----------
-    features : tuple of int
-        Indices, in the order of the ranking.
-    thresholds : tuple of float
-        All the swept thresholds that give this subset, ascending, [bits].
+    """The features, in the order of the ranking, whose information is above each of the given
+    thresholds: all the swept ones, ascending, [bits], that give this subset.
     """
 
     features: tuple[int, ...]
@@ -229,20 +207,7 @@ def threshold_subsets(
 def best_subset(subsets: Sequence[ThresholdSubset], rms: ArrayLike) -> int:
     """Position of the subset with the least RMS error; of equals, that with the fewest features.
 
-    Parameters
-    ----------
-    subsets : sequence of ThresholdSubset
-    rms : array of shape (n_subsets,)
-        Error of what was trained on each subset; NaN where training failed.
-
-    Returns
-    -------
-    int
-
-    Raises
-    ------
-    InvalidInputError
-        If there is not one error for each subset, or none of them is a number.
+    The error is NaN where training failed; one of them at least must be a number.
 
     Examples
     --------
