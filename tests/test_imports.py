@@ -31,6 +31,7 @@ ROOMS = (
     ("pipeline",),
     ("acquisition_until",),
     ("positioning",),
+    ("export",),
     ("sensitivity",),
     ("scoreboard",),
     ("rehearsal",),

@@ -120,6 +120,7 @@ def _app() -> SubcommandApp:
     from servoscope.commands.acquire import acquire
     from servoscope.commands.assess import assess
     from servoscope.commands.benchmark_positioning import benchmark_positioning
+    from servoscope.commands.export import export
     from servoscope.commands.import_images import import_commands
     from servoscope.commands.info import info
     from servoscope.commands.position import position
@@ -138,6 +139,7 @@ def _app() -> SubcommandApp:
     app.command(_later(train))
     app.command(_later(rehearse))
     app.command(_later(position))
+    app.command(_later(export))
     benchmarks.command(name="positioning")(_later(benchmark_positioning))
     app.command(benchmarks, name="benchmark", help="Compare servoscope with what else there is.")
     app.command(_later(sensitivity))

@@ -3,7 +3,7 @@ import pytest
 
 from rehearsal_sample import PIVOT, RANGES, displacements, keyframe, plate
 from servoscope.poses import displacements_from_poses, poses_from_displacements
-from servoscope.positioning.first_guess import WINDOWS, FirstGuess, _bounds, _parts, _small_shape
+from servoscope.positioning.first_guess import WINDOWS, FirstGuess, _parts, bounds_of, small_shape
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +37,8 @@ def test_the_same_seed_learns_the_same(learned):
     [(171, 256), (480, 2100), (2064, 3088), (20, 30), (32, 3000), (3000, 32), (96, 128), (3, 7)],
 )
 def test_windows_are_as_large_whatever_the_image_was_made_of(shape):
-    small = _small_shape(shape)
-    sizes = [(r.stop - r.start) * (c.stop - c.start) for r, c in _bounds(small)]
+    small = small_shape(shape)
+    sizes = [(r.stop - r.start) * (c.stop - c.start) for r, c in bounds_of(small)]
     image = np.random.default_rng(0).integers(0, 255, shape, dtype=np.uint8)
     assert [part.size for part in _parts(image, small)] == sizes
     assert min(sizes) > 0

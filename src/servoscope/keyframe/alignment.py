@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 
-class _Stage(NamedTuple):
+class Stage(NamedTuple):
     """Width and blur of a level [px], most steps, and the step that is the last [px]."""
 
     width: int
@@ -31,7 +31,7 @@ class _Stage(NamedTuple):
     tolerance: float
 
 
-_LEVELS = (_Stage(32, 1.0, 10, 0.01), _Stage(64, 0.7, 8, 0.1), _Stage(128, 1.0, 6, 0.02))
+STAGES = (Stage(32, 1.0, 10, 0.01), Stage(64, 0.7, 8, 0.1), Stage(128, 1.0, 6, 0.02))
 CLEARLY_ALIKE = 0.85
 """The similarity above which no other start is tried."""
 
@@ -40,20 +40,20 @@ _NODE_PX = 16
 """Nodes of the light are no nearer, [px]."""
 
 _STIFFNESS = (3.0, 1.0, 1.0)
-_N_STARTS = 5
-_N_COMPARED, _N_GUESSED = 5, 10
+N_STARTS = 5
+N_COMPARED, N_GUESSED = 5, 10
 _N_SPREAD = 200
-_LEAST_SLOPE = 0.1
-_REGISTRATION = 0.035
+LEAST_SLOPE = 0.1
+REGISTRATION = 0.035
 """Standard deviation of the place of a block of the view beside the middles of pixels, [px]."""
 
-_BETWEEN = 0.25
+BETWEEN = 0.25
 """Displacements of that much bring all of it, [px]: grey levels are then between pixels."""
 
-_RELIT = 0.4
+RELIT = 0.4
 """The same in a light as uneven as the reference's grey levels are, [px]."""
 
-_BLURRED = 0.3
+BLURRED = 0.3
 """The same for a defocus of the whole Laplacian, [px]."""
 
 
@@ -125,44 +125,44 @@ class Aligner:
         dofs: tuple[str, ...],
     ) -> None:
         self.mount, self.pivot, self.model_error = mount, pivot, model_error
-        self._inverse_depth = float(np.median(inverse_depth))
-        self._freedom = Freedom(mount, pivot, dofs)
-        self._search, self._is_read = self._freedom, mask_of(dofs)
-        if self._inverse_depth < FAR and not self._freedom.is_full:  # turned about the camera
-            self._search = self._freedom.turning()
+        self.typical_depth = float(np.median(inverse_depth))
+        self.freedom = Freedom(mount, pivot, dofs)
+        self.search, self._is_read = self.freedom, mask_of(dofs)
+        if self.typical_depth < FAR and not self.freedom.is_full:  # turned about the camera
+            self.search = self.freedom.turning()
         self.levels = []
-        for (width, sigma, *_), k, stiffness in zip(_LEVELS, _NODES, _STIFFNESS, strict=True):
+        for (width, sigma, *_), k, stiffness in zip(STAGES, _NODES, _STIFFNESS, strict=True):
             view = View.of(reference_image, min(width, reference_image.shape[1]), sigma)
             depth, weight = view.resize(inverse_depth), view.resize(trust)
             k = max(2, min(k, round(np.sqrt(view.grey.size) / _NODE_PX)))
-            finest = width == _LEVELS[-1].width
-            level = Level(view, camera, depth, weight, k, stiffness, finest, self._search)
+            finest = width == STAGES[-1].width
+            level = Level(view, camera, depth, weight, k, stiffness, finest, self.search)
             self.levels.append(level)
         first = self.levels[0]
         grey = evened(first.view.grey)
         view = View(grey, first.view.aspect, first.view.sigma)
-        self._evened = Level(
+        self.evened = Level(
             view, camera, view.resize(inverse_depth), view.resize(trust), _NODES[0], _STIFFNESS[0],
-            freedom=self._search,
+            freedom=self.search,
         )  # fmt: skip
         twists = logarithm(inverse_transform(conjugate(mount, displacements)))
-        if self._inverse_depth < FAR:  # translations are not seen: they stay at none
+        if self.typical_depth < FAR:  # translations are not seen: they stay at none
             twists[:, :3] = 0
-        self.starts = [self._search.nearest(T) for T in _starts(twists)]
+        self.starts = [self.search.nearest(T) for T in _starts(twists)]
 
     def align(self, image: NDArray[np.uint8], starts: Array | None) -> Alignment:
         """See `Keyframe.align`."""
         prepared = [level.view.prepare(image) for level in self.levels]
         if starts is None:
-            guess = self._best(prepared, self._screened(prepared, self.starts, _N_STARTS))
+            guess = self._best(prepared, self._screened(prepared, self.starts, N_STARTS))
         else:
             T = inverse_transform(conjugate(self.mount, starts))
-            guess = self._from(prepared, [self._search.nearest(t) for t in T])
-        for level, grey, stage in zip(self.levels[1:], prepared[1:], _LEVELS[1:], strict=True):
+            guess = self._from(prepared, [self.search.nearest(t) for t in T])
+        for level, grey, stage in zip(self.levels[1:], prepared[1:], STAGES[1:], strict=True):
             if level is self.levels[-1] or not guess.is_settled:
                 guess = level.descend(grey, guess, stage.n_steps, stage.tolerance)
         similarity, share_visible = self.levels[1].compare(prepared[1], guess.T)
-        displacement, delta_p = self._search.displacement(guess.T), self._freedom.delta_p(guess.T)
+        displacement, delta_p = self.search.displacement(guess.T), self.freedom.delta_p(guess.T)
         covariance = self._covariance(level, grey, guess, displacement)
         return Alignment(displacement, delta_p, covariance, similarity, share_visible, guess.light)
 
@@ -174,7 +174,7 @@ class Aligner:
         """
         middle, guesses = self.levels[1], []
         for T in starts:
-            guess = middle.descend(prepared[1], middle.start(T), _N_GUESSED, _LEVELS[1].tolerance)
+            guess = middle.descend(prepared[1], middle.start(T), N_GUESSED, STAGES[1].tolerance)
             if middle.compare(prepared[1], guess.T)[0] > CLEARLY_ALIKE:
                 return guess
             guesses.append(guess)
@@ -187,18 +187,18 @@ class Aligner:
     ) -> list[Guess]:
         """Where the starts that correlate best lead to at the coarsest resolution."""
         middle, guesses = self.levels[1], []
-        for level, image in ((self.levels[0], prepared[0]), (self._evened, evened(prepared[0]))):
+        for level, image in ((self.levels[0], prepared[0]), (self.evened, evened(prepared[0]))):
             scores = [level.correlation(image, T) for T in starts]
             for k in np.argsort(scores, kind="stable")[::-1][:n_starts]:
-                coarse = level.descend(image, level.start(starts[k]), _LEVELS[0].n_steps)
+                coarse = level.descend(image, level.start(starts[k]), STAGES[0].n_steps)
                 guesses.append(middle.start(coarse.T))
         return guesses
 
     def _best(self, prepared: Sequence[Floats], guesses: Sequence[Guess]) -> Guess:
         """The guess that explains an image best, each followed at the middle resolution."""
         middle = self.levels[1]
-        tolerance = _LEVELS[1].tolerance
-        found = [middle.descend(prepared[1], guess, _N_COMPARED, tolerance) for guess in guesses]
+        tolerance = STAGES[1].tolerance
+        found = [middle.descend(prepared[1], guess, N_COMPARED, tolerance) for guess in guesses]
         explained = [middle.linearise(prepared[1], guess) for guess in found]
         scale = min(scale for *_, scale in explained)
         costs = [np.minimum((r / (CUT * scale)) ** 2, 1).mean() for _, r, *_ in explained]
@@ -207,7 +207,7 @@ class Aligner:
     def view_shift(self, T: Array) -> float:
         """How far a motion of the camera moves what is seen, roughly, [rad]."""
         v, w = np.split(logarithm(T), 2)
-        return float(np.linalg.norm(v) * self._inverse_depth + np.linalg.norm(w))
+        return float(np.linalg.norm(v) * self.typical_depth + np.linalg.norm(w))
 
     def _covariance(self, level: Level, image: Floats, guess: Guess, displacement: Array) -> Array:
         """Covariance of the displacement about the pivot.
@@ -225,15 +225,15 @@ class Aligner:
         H, _ = grid.normal_equations(J, r, w, level.laplacian, level.grey, guess.light)
         alone = grid.without_light(J, level.laplacian, level.grey, H)
         information = ((alone * w[:, None]).T @ J).astype(float)
-        known = max(slope, _LEAST_SLOPE) * information + np.diag(1 / PRIOR**2)
-        B = self._search.twists(guess.T)
+        known = max(slope, LEAST_SLOPE) * information + np.diag(1 / PRIOR**2)
+        B = self.search.twists(guess.T)
         bread = B @ np.linalg.inv(B.T @ known @ B) @ B.T
         shift = self.view_shift(guess.T)
-        apart = min(1.0, shift * level.camera.f * level.view.width / _BETWEEN)
+        apart = min(1.0, shift * level.camera.f * level.view.width / BETWEEN)
         errors = (
-            _REGISTRATION * apart,
-            _RELIT * guess.light.unevenness(level.grey),
-            _BLURRED * guess.light.defocus,
+            REGISTRATION * apart,
+            RELIT * guess.light.unevenness(level.grey),
+            BLURRED * guess.light.defocus,
         )
         misplaced = float(np.linalg.norm(errors))
         meat = np.diag(1 / PRIOR**2)
@@ -248,7 +248,7 @@ class Aligner:
 
     def by_twist(self, displacement: Array) -> Array:
         """Derivative of the displacement about the pivot by a twist before T, shape (6, 6)."""
-        return self._freedom.by_twist(displacement)
+        return self.freedom.by_twist(displacement)
 
 
 @compiled(fastmath=True, error_model="numpy")

@@ -314,7 +314,7 @@ def _view_shifts(keyframe: Keyframe, delta_p: Array) -> Array:
     """How far displacements shift what is seen, roughly, [rad], (n,)."""
     D = poses_from_displacements(np.eye(4), delta_p, keyframe.pivot)
     T = conjugate(keyframe.mount, D)
-    return np.array([max(keyframe._aligner.view_shift(t), 1e-3) for t in T])
+    return np.array([max(keyframe.aligner.view_shift(t), 1e-3) for t in T])
 
 
 def _std_at_reference(keyframe: Keyframe, rng: np.random.Generator) -> Array:

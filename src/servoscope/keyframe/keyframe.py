@@ -218,9 +218,9 @@ class Keyframe:
         squares = []
         for k in evenly_spread(outer, MOST_READ):
             D = self.displacements[k]
-            found = self._aligner.align(images[k], D[None])
+            found = self.aligner.align(images[k], D[None])
             (reported,) = displacements_from_poses(np.eye(4), D[None], self.pivot)
-            shift = self._aligner.view_shift(conjugate(self.mount, D))
+            shift = self.aligner.view_shift(conjugate(self.mount, D))
             beyond = (found.delta_p - reported) ** 2 - np.diag(found.covariance)
             beyond[~mask_of(self.dofs)] = 0
             squares.append(beyond / max(shift, 1e-3) ** 2)
@@ -245,7 +245,8 @@ class Keyframe:
         return found
 
     @cached_property
-    def _aligner(self) -> Aligner:
+    def aligner(self) -> Aligner:
+        """What aligns images, at all its resolutions."""
         return Aligner(
             self.reference_image, self.camera, self.mount, self.inverse_depth, self.trust,
             self.displacements, self.pivot, self.model_error, self.dofs,
@@ -278,7 +279,7 @@ class Keyframe:
         check_like(image, self.reference_image)
         starts = None if start is None else rigid_stack("start", start)
         with one_blas_thread():
-            return self._aligner.align(image, starts)
+            return self.aligner.align(image, starts)
 
     def render(
         self, displacement: ArrayLike, width: int | None = None
@@ -325,7 +326,7 @@ class Keyframe:
         ViewLimit
         """
         noise = self.noise if noise is None else checked_noise(noise)
-        by_twist = self._aligner.by_twist(np.eye(4))
+        by_twist = self.aligner.by_twist(np.eye(4))
         return view_limit(
             self.reference_image, self.camera, self.inverse_depth, by_twist, noise,
             mask_of(self.dofs),

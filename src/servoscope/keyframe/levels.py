@@ -84,7 +84,7 @@ def correlation(
 
 Floats = NDArray[np.float32]
 
-_FAINT = 8.0
+FAINT = 8.0
 """Deviation that is small beside noise and shades, [grey]."""
 
 
@@ -99,16 +99,20 @@ def prepare(image: NDArray[np.generic], width: int, sigma: float) -> Floats:
     return np.ascontiguousarray(grey)
 
 
-def evened(grey: Floats, share: float = 0.1) -> Floats:
+EVENED = 0.1
+"""What is coarser than this share of the width is taken for light."""
+
+
+def evened(grey: Floats) -> Floats:
     """What is finer than a share of the width, in units of its deviation nearby.
 
     It is free of light that varies slowly, and bounded, so that what covers a part of the view
     changes no more than that part. As large as grey levels: two deviations are 60.
     """
-    sigma = share * grey.shape[1]
+    sigma = EVENED * grey.shape[1]
     fine = grey - cv2.GaussianBlur(grey, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
     square = cv2.GaussianBlur(fine * fine, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
-    ratio = fine / (np.sqrt(square) + np.float32(_FAINT))
+    ratio = fine / (np.sqrt(square) + np.float32(FAINT))
     return np.asarray(30 * ratio.clip(-2, 2), dtype=np.float32)
 
 
@@ -200,8 +204,8 @@ _MOST_PIXELS = 10000
 FAR = 0.01
 """Inverse depth of views that inform rotations alone: translations stay what they are, [1 / m]."""
 
-_LEAST_DEVIATION = 1.0
-_LONGEST_STEP = 0.15
+LEAST_DEVIATION = 1.0
+LONGEST_STEP = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,8 +259,8 @@ class Level:
         finest: bool = False,
         freedom: Freedom | None = None,
     ) -> None:
-        self.view, self.camera, self._finest = view, camera, finest
-        self._freedom = None if freedom is None or freedom.is_full else freedom
+        self.view, self.camera, self.finest = view, camera, finest
+        self.freedom = None if freedom is None or freedom.is_full else freedom
         rows, columns = np.indices(view.shape)
         taken = trust > 0
         if finest and view.grey.size > _MOST_PIXELS:  # neighbours are alike: half is nearly as good
@@ -265,13 +269,13 @@ class Level:
         self.grid = LightGrid(view.points[used], view.aspect, n_nodes, stiffness)
         self.used = used[self.grid.order]
         rays, by_camera = camera.rays(view.points[self.used])
-        self._by_camera = by_camera.astype(np.float32)
+        self.by_camera = by_camera.astype(np.float32)
         self.slopes, self.laplacian = view.slopes[self.used], view.laplacian[self.used]
         self._xy = view.points[self.used].astype(np.float32)
-        self._rays = rays.astype(np.float32)
-        self._depth = inverse_depth.ravel()[self.used].astype(np.float32)
+        self.rays = rays.astype(np.float32)
+        self.depth = inverse_depth.ravel()[self.used].astype(np.float32)
         self.grey = view.grey.ravel()[self.used]
-        self._trust = trust.ravel()[self.used].astype(np.float32)
+        self.trust = trust.ravel()[self.used].astype(np.float32)
         self._values = camera.values
         height, width = view.shape
         blocks = rows * N_BLOCKS // height * N_BLOCKS + columns * N_BLOCKS // width
@@ -284,7 +288,7 @@ class Level:
     def correlation(self, image: Floats, T: Array) -> float:
         """Correlation of an image with the keyframe as it would be seen."""
         return correlation(
-            image, T, self._values, self.view.aspect, self._rays, self._depth, self.grey
+            image, T, self._values, self.view.aspect, self.rays, self.depth, self.grey
         )
 
     def linearise(self, image: Floats, guess: Guess) -> tuple[Floats, Floats, Floats, float]:
@@ -294,14 +298,14 @@ class Level:
         jacobian = np.empty((len(self.used), N_ALIGNED), np.float32)
         by_depth, residuals = np.empty_like(self.grey), np.empty_like(self.grey)
         linearise(
-            image, guess.T, self._values, self.view.aspect, self._xy, self._rays, self._by_camera,
-            self._depth, self.grey, gain, offset, self.slopes, self._finest,
+            image, guess.T, self._values, self.view.aspect, self._xy, self.rays, self.by_camera,
+            self.depth, self.grey, gain, offset, self.slopes, self.finest,
             jacobian, by_depth, residuals,
         )  # fmt: skip
         scale = robust_scale(residuals, LEAST_SCALE)
         weights = np.empty_like(self.grey)
         robust_weights(residuals, scale, weights)
-        weights *= self._trust * np.float32(1 / scale**2)
+        weights *= self.trust * np.float32(1 / scale**2)
         return jacobian, residuals, weights, scale
 
     def descend(self, image: Floats, guess: Guess, n_steps: int, tolerance: float = 0.01) -> Guess:
@@ -319,7 +323,7 @@ class Level:
         """
         width = self.view.width
         reach = width * self.camera.f
-        depth = float(np.median(self._depth))
+        depth = float(np.median(self.depth))
         if not guess.is_settled:  # light alone: it may be far from even
             guess = Guess(guess.T, guess.light.resized(self.grid.k))
             H, g = self.normal_equations(image, guess)
@@ -329,17 +333,17 @@ class Level:
             H, g = self.normal_equations(image, guess)
             if depth < FAR:
                 H[:3], H[:, :3], g[:3] = np.eye(len(H))[:3], np.eye(len(H))[:, :3], 0.0
-            if self._freedom is None:
+            if self.freedom is None:
                 step = np.linalg.solve(H, g)
             else:
-                B = block_diag(self._freedom.twists(guess.T), np.eye(len(H) - 6))
+                B = block_diag(self.freedom.twists(guess.T), np.eye(len(H) - 6))
                 step = B @ np.linalg.solve(B.T @ H @ B, B.T @ g)
             flow = reach * max(
                 depth * float(np.linalg.norm(step[:3])), float(np.linalg.norm(step[3:6]))
             )
-            step *= min(1.0, _LONGEST_STEP * width / max(flow, 1e-9))
+            step *= min(1.0, LONGEST_STEP * width / max(flow, 1e-9))
             T = exponential(step[MOTION]) @ guess.T
-            T = T if self._freedom is None else self._freedom.nearest(T)
+            T = T if self.freedom is None else self.freedom.nearest(T)
             guess = Guess(T, guess.light.moved(step[6:]), flow < tolerance)
             if guess.is_settled:
                 break
@@ -359,7 +363,7 @@ class Level:
         do not count.
         """
         grey = np.empty_like(self.grey)
-        sample(image, T, self._values, self.view.aspect, self._rays, self._depth, grey)
+        sample(image, T, self._values, self.view.aspect, self.rays, self.depth, grey)
         seen = grey > UNSEEN
         n = N_BLOCKS**2
         a, b = np.where(seen, grey, 0), np.where(seen, self.grey, 0)
@@ -368,8 +372,8 @@ class Level:
         mean_a, mean_b, aa, bb, ab = (
             np.bincount(self.blocks, x, n) / count for x in (a, b, a * a, b * b, a * b)
         )
-        variance_a = np.maximum(aa - mean_a**2, 0) + _LEAST_DEVIATION**2
-        variance_b = np.maximum(bb - mean_b**2, 0) + _LEAST_DEVIATION**2
+        variance_a = np.maximum(aa - mean_a**2, 0) + LEAST_DEVIATION**2
+        variance_b = np.maximum(bb - mean_b**2, 0) + LEAST_DEVIATION**2
         z = np.maximum(ab - mean_a * mean_b, 0) / np.sqrt(variance_a * variance_b)
         counts = 2 * n_seen > np.bincount(self.blocks, minlength=n)
         weight = np.where(counts, np.sqrt(variance_b), 0)

@@ -119,7 +119,7 @@ class KeyframeInformation:
         seen = H[own, own] + np.diag(1 / _OWN_PRIOR**2)  # an image may see nothing
         response = -np.linalg.solve(seen, HG[own])[MOTION]
         response[:, REFERENCE] = 0  # what is read is about the reference view itself
-        by_twist = keyframe._aligner.by_twist(D)
+        by_twist = keyframe.aligner.by_twist(D)
         known = seen.copy()
         known[MOTION, MOTION] += np.linalg.inv(np.diag(1 / self._pose) + self._misfit(T, by_twist))
         information = G.T @ HG - HG[own].T @ np.linalg.solve(known, HG[own])
@@ -128,7 +128,7 @@ class KeyframeInformation:
     def _misfit(self, T: Array, by_twist: Array) -> Array:
         """What no keyframe explains of a view: it shifts what is read, the more the farther."""
         inverse = np.linalg.inv(by_twist)
-        std = self.keyframe.model_error * self.keyframe._aligner.view_shift(T)
+        std = self.keyframe.model_error * self.keyframe.aligner.view_shift(T)
         return inverse @ np.diag(std**2) @ inverse.T
 
     def displaced(self, delta_p: ArrayLike) -> Array:

@@ -22,7 +22,7 @@ BEND = 2.5
 BLOCK = 128
 """Points that are summed at a time, so that what they need stays in the cache."""
 
-_MOST_RANKED = 4096
+MOST_RANKED = 4096
 
 
 def robust_scale(residuals: Floats, least: float) -> float:
@@ -34,7 +34,7 @@ def robust_scale(residuals: Floats, least: float) -> float:
     least : float
         What it is never below, [grey].
     """
-    some = residuals[:: max(1, len(residuals) // _MOST_RANKED)]
+    some = residuals[:: max(1, len(residuals) // MOST_RANKED)]
     seen = some[some > UNSEEN]
     if 4 * len(seen) < len(some):
         return 255.0

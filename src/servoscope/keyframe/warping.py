@@ -33,8 +33,8 @@ N_ALIGNED = 6
 UNSEEN = np.float32(-1e6)
 """What stands for the grey level and the residual of a point that is not seen."""
 
-_NEAREST = 0.05
-_SATURATED = 250.0
+NEAREST = 0.05
+SATURATED = 250.0
 
 
 @compiled(fastmath=True, error_model="numpy", inline="always")
@@ -53,7 +53,7 @@ def _look(
     X = T[0, 0] * x + T[0, 1] * y + T[0, 2] + q * T[0, 3]
     Y = T[1, 0] * x + T[1, 1] * y + T[1, 2] + q * T[1, 3]
     Z = T[2, 0] * x + T[2, 1] * y + T[2, 2] + q * T[2, 3]
-    ok = Z > _NEAREST
+    ok = Z > NEAREST
     iz = 1.0 / Z if ok else 1.0
     px, py = X * iz, Y * iz
     r2 = px * px + py * py
@@ -212,7 +212,7 @@ def linearise(
         if carries:
             grey = _cubic(image, u, v)
         residuals[i] = grey - gain[i] * reference[i] - offset[i]
-        if grey > _SATURATED and residuals[i] < 0.0:
+        if grey > SATURATED and residuals[i] < 0.0:
             jacobian[i] = 0.0
             by_depth[i] = residuals[i] = 0.0
             continue

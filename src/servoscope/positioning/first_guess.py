@@ -148,7 +148,7 @@ class FirstGuess:
         drawn = np.sqrt(rng.random((n_rendered, 1))) * real[near]
         drawn += _JITTER * reach * rng.uniform(-1, 1, drawn.shape)
         drawn = drawn.clip(-reach, reach)
-        shape = _small_shape(images.shape[1:])
+        shape = small_shape(images.shape[1:])
         width = min(images.shape[2], 2 * shape[1])
         seen = poses_from_displacements(np.eye(4), drawn, keyframe.pivot)
         rendered = [continued(*keyframe.render(D, width)) for D in seen]
@@ -164,7 +164,7 @@ class FirstGuess:
 
     def __call__(self, image: Image) -> Array:
         """Displacements, (n_windows, 4, 4), [m], of an image of any size."""
-        parts = zip(self.windows, _parts(image, _small_shape(image.shape)), strict=True)
+        parts = zip(self.windows, _parts(image, small_shape(image.shape)), strict=True)
         shares = np.stack([window.predict(pixels) for window, pixels in parts])
         return poses_from_displacements(np.eye(4), shares.clip(-1.2, 1.2) * self.reach, self.pivot)
 
@@ -192,7 +192,7 @@ class FirstGuess:
             If they are not arrays of first guesses for such images.
         """
         windows = []
-        for k, bounds in enumerate(_bounds(_small_shape(image_shape))):
+        for k, bounds in enumerate(bounds_of(small_shape(image_shape))):
             kept = (arrays[f"{k}/{part.name}"] for part in fields(Window))
             window = Window(*(np.asarray(array, np.float32) for array in kept))
             height, width = (side.stop - side.start for side in bounds)
@@ -209,14 +209,14 @@ class FirstGuess:
         return cls(tuple(windows), reach, pivot)
 
 
-def _small_shape(shape: tuple[int, ...]) -> tuple[int, int]:
+def small_shape(shape: tuple[int, ...]) -> tuple[int, int]:
     """Height and width of the images that are compared, given those of full ones."""
     scale = min(1.0, _SIZE / max(shape))
     height, width = (max(1, round(scale * side)) for side in shape)
     return height, width
 
 
-def _bounds(shape: tuple[int, int]) -> list[tuple[slice, slice]]:
+def bounds_of(shape: tuple[int, int]) -> list[tuple[slice, slice]]:
     """Rows and columns of each window."""
     height, width = shape
     return [
@@ -232,4 +232,4 @@ def _parts(image: Image, shape: tuple[int, int]) -> list[Floats]:
     """Pixels of each window of an image that is made small and even."""
     grey = cv2.resize(image.astype(np.float32), shape[::-1], interpolation=cv2.INTER_AREA)
     small: Floats = evened(np.asarray(grey, np.float32)) / np.float32(30)
-    return [small[part].ravel() for part in _bounds(shape)]
+    return [small[part].ravel() for part in bounds_of(shape)]

@@ -50,7 +50,7 @@ MOST_FITTED, MOST_READ = 40, 40
 """Images of a split that a keyframe is fitted to, and that it reads, at most."""
 
 _MOST_IMAGES = 90
-_FARTHEST = np.repeat([2.0, 1.5], 3)
+FARTHEST = np.repeat([2.0, 1.5], 3)
 """Shares of the reach beyond which nothing is read, by dof; a part that is turned is another."""
 
 _N_GROUPS = 3
@@ -198,7 +198,7 @@ class KeyframeModel(PositioningModel):
         )
         noise = data.image_noise or keyframe.noise * least_noise_share(readings)
         keyframe = replace(keyframe, model_error=factor * keyframe.model_error, noise=noise)
-        chance = chance_similarity(keyframe, fitted.images, _FARTHEST * reach)
+        chance = chance_similarity(keyframe, fitted.images, FARTHEST * reach)
         within = (errors <= 2 * factor * readings.std)[:, is_commanded]
         accuracy = {
             **describe_errors(readings.errors, truth, data.dofs, reach, n_groups),
@@ -256,18 +256,19 @@ class KeyframeModel(PositioningModel):
             delta_p = np.where(is_commanded, found.delta_p, 0.0)
             displacement = poses_from_displacements(np.eye(4), delta_p, self.pivot)
             std = np.where(is_commanded, std, np.nan)
-        shares = found.delta_p / np.where(self.reach > 0, _FARTHEST * self.reach, 1.0)
+        shares = found.delta_p / np.where(self.reach > 0, FARTHEST * self.reach, 1.0)
         return Estimate(
             displacement=displacement,
             std=std,
             novelty=float(np.max(np.abs(shares))),
             stage="keyframe",
-            similarity=self._recognition.similarity(image, found.displacement),
+            similarity=self.recognition.similarity(image, found.displacement),
             least_similarity=float(self.accuracy.get("least_similarity", LEAST_SIMILARITY)),
         )
 
     @cached_property
-    def _recognition(self) -> Recognition:
+    def recognition(self) -> Recognition:
+        """What compares images with what is expected."""
         return Recognition(self.keyframe)
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:

@@ -44,21 +44,21 @@ class Recognition:
 
     def __init__(self, keyframe: Keyframe) -> None:
         height, width = keyframe.reference_image.shape
-        self._width = min(max(1, round(SIZE * width / max(height, width))), width)
-        self._view = View.of(keyframe.reference_image, self._width, _SIGMA)
-        self._rays = keyframe.camera.rays(self._view.points)[0].astype(np.float32)
-        self._depth = self._view.resize(keyframe.inverse_depth).ravel()
-        smooth = self._view.resize(cv2.medianBlur(keyframe.inverse_depth, 5))
-        self._surface = smooth.ravel().astype(float)
+        width = min(max(1, round(SIZE * width / max(height, width))), width)
+        self.view = View.of(keyframe.reference_image, width, _SIGMA)
+        self.rays = keyframe.camera.rays(self.view.points)[0].astype(np.float32)
+        self.depth = self.view.resize(keyframe.inverse_depth).ravel()
+        smooth = self.view.resize(cv2.medianBlur(keyframe.inverse_depth, 5))
+        self.surface = smooth.ravel().astype(float)
         self._keyframe = keyframe
 
     def similarity(self, image: Image, displacement: Array) -> float:
         """Median normalised correlation of the cells in view; 0 where too few are in view."""
         mount, values = self._keyframe.mount, self._keyframe.camera.values
         T = inverse_transform(mount) @ inverse_transform(displacement) @ mount
-        view, seen = self._view, np.empty(len(self._depth), dtype=np.float32)
+        view, seen = self.view, np.empty(len(self.depth), dtype=np.float32)
         prepared = view.prepare(image)
-        sample(prepared, T, values, view.aspect, self._rays, self._depth, seen)
+        sample(prepared, T, values, view.aspect, self.rays, self.depth, seen)
         shown = (seen > UNSEEN) & ~self._is_hidden(T, values)
         weights = shown.reshape(view.shape).astype(np.float32)
         seen = np.where(shown, seen, 0).reshape(view.shape)
@@ -66,9 +66,9 @@ class Recognition:
 
     def _is_hidden(self, T: Array, values: Array) -> NDArray[np.bool_]:
         """Whether each point of the reference is behind another one, shape (n,)."""
-        view = self._view
-        points = np.empty((len(self._surface), 3))
-        project(T, values, view.aspect, self._rays.astype(float), self._surface, points)
+        view = self.view
+        points = np.empty((len(self.surface), 3))
+        project(T, values, view.aspect, self.rays.astype(float), self.surface, points)
         height, width = view.shape
         columns = ((points[:, 0] + 0.5) * width).clip(0, width - 1).astype(int)
         rows = ((points[:, 1] / view.aspect + 0.5) * height).clip(0, height - 1).astype(int)

@@ -31,8 +31,8 @@ _LEAST_CELL = 3
 _SIGMA = 0.8
 _SMOOTH = 2.0
 _MOSTLY = 0.5
-_TEXTURED = 0.25
-_LEAST_UNCLIPPED = 0.5
+TEXTURED = 0.25
+LEAST_UNCLIPPED = 0.5
 
 
 class Comparison(NamedTuple):
@@ -106,7 +106,7 @@ class ReferenceView:
         self._unclipped = _unclipped(image)
         self._seen = _prepared(image)
         self._flows = _flows(self._seen)
-        self._grid = _Grid(self._seen.shape)
+        self._grid = CellGrid(self._seen.shape)
 
     def error(self, image: NDArray[np.uint8]) -> float:
         """One minus the normalised correlation of the whole images, small and blurred."""
@@ -162,27 +162,27 @@ def similarity(image: Floats, expected: Floats, weights: Floats | None = None) -
     (1.0, -1.0)
     """
     weights = np.ones_like(image) if weights is None else weights
-    cells = _Grid(image.shape).match(image, expected, weights)
+    cells = CellGrid(image.shape).match(image, expected, weights)
     found = cells.correlation[cells.textured]
     return float(np.median(found)) if found.size else 0.0
 
 
-class _Grid:
+class CellGrid:
     """A grid of cells over images of one shape."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         counts = [min(max(n // _LEAST_CELL, 1), N_CELLS) for n in shape]
-        self._starts = [np.arange(k) * n // k for n, k in zip(shape, counts, strict=True)]
-        self._sizes = [np.diff([*starts, n]) for starts, n in zip(self._starts, shape, strict=True)]
+        self.starts = [np.arange(k) * n // k for n, k in zip(shape, counts, strict=True)]
+        self.sizes = [np.diff([*starts, n]) for starts, n in zip(self.starts, shape, strict=True)]
 
     def sum(self, values: NDArray[Any]) -> Array:
         """The sum over each cell, of one field or of several."""
-        rows = np.add.reduceat(values, self._starts[0], axis=-2, dtype=float)
-        return np.asarray(np.add.reduceat(rows, self._starts[1], axis=-1))
+        rows = np.add.reduceat(values, self.starts[0], axis=-2, dtype=float)
+        return np.asarray(np.add.reduceat(rows, self.starts[1], axis=-1))
 
     def spread(self, values: Array) -> Array:
         """The value of its cell for every pixel."""
-        return np.repeat(np.repeat(values, self._sizes[0], axis=0), self._sizes[1], axis=1)
+        return np.repeat(np.repeat(values, self.sizes[0], axis=0), self.sizes[1], axis=1)
 
     def match(self, image: Floats, expected: Floats, weights: Floats) -> _Matched:
         """Compare two images cell by cell, whatever the gain and the offset of each cell."""
@@ -191,8 +191,8 @@ class _Grid:
         a, b = (part - self.spread(self.sum(weights * part) / one) for part in (image, expected))
         aa, bb, ab = (self.sum(weights * x * y) for x, y in ((a, a), (b, b), (a, b)))
         contrast = np.sqrt(bb / one)
-        enough = max(_TEXTURED * float(np.quantile(contrast, 0.9)), 1e-6)
-        textured = (contrast >= enough) & (n >= _LEAST_UNCLIPPED * area)
+        enough = max(TEXTURED * float(np.quantile(contrast, 0.9)), 1e-6)
+        textured = (contrast >= enough) & (n >= LEAST_UNCLIPPED * area)
         correlation = ab / np.sqrt(np.maximum(aa * bb, 1e-12))
         left = a * self.spread(np.sqrt(bb / np.maximum(aa, 1e-12))) - b
         return _Matched(self, correlation, textured, left)
@@ -204,7 +204,7 @@ class _Matched(NamedTuple):
     `left` is their difference after gain and offset, of the shape of the images.
     """
 
-    grid: _Grid
+    grid: CellGrid
     correlation: Array
     textured: NDArray[np.bool_]
     left: Array

@@ -1,0 +1,198 @@
+"""How closely an exported model agrees with the one that it was made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servoscope.errors import InvalidInputError
+from servoscope.keyframe.rendering import continued
+from servoscope.poses import (
+    DISPLAY_FACTORS,
+    DISPLAY_UNITS,
+    DOFS,
+    displacements_from_poses,
+    poses_from_displacements,
+)
+from servoscope.positioning.interfaces import Estimate, Image
+from servoscope.positioning.keyframe_model import KeyframeModel
+from servoscope.positioning.settings import NEAR_ENOUGH
+
+Array = NDArray[np.float64]
+
+EQUAL = 1e-3
+"""Differences up to this share of the tolerance count as none."""
+
+_DRAWN = 0.8
+
+
+def is_recognised(estimate: Estimate) -> bool:
+    """Whether an image shows the part, not too far away."""
+    return estimate.similarity >= estimate.least_similarity and estimate.novelty <= 1
+
+
+class OnnxEstimator:
+    """An exported model under onnxruntime, on one core.
+
+    Parameters
+    ----------
+    content : bytes or path
+        Of the file.
+
+    Raises
+    ------
+    InvalidInputError
+        If onnxruntime is not installed.
+    """
+
+    def __init__(self, content: Any) -> None:
+        try:
+            import onnxruntime
+        except ImportError as error:
+            raise InvalidInputError(
+                "Running an exported model needs onnxruntime; install servoscope[export]."
+            ) from error
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1
+        options.log_severity_level = 3
+        content = content if isinstance(content, bytes) else str(content)
+        self._session = onnxruntime.InferenceSession(
+            content, options, providers=["CPUExecutionProvider"]
+        )
+        self.names = [output.name for output in self._session.get_outputs()]
+
+    def __call__(self, image: Image) -> dict[str, NDArray[Any]]:
+        """What it says of an image, by the name of the output."""
+        return dict(zip(self.names, self._session.run(None, {"image": image}), strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """Differences between a model and its export on images that show the part.
+
+    Parameters
+    ----------
+    median, worst : ndarray of shape (6,)
+        Of each dof about the pivot, [m] and [rad].
+    shares : ndarray of shape (n_images,)
+        The greatest difference of each image as a share of the tolerance: of the deviation that
+        is believed of the dof there, or of what is always near enough if that is more.
+    deviation : float
+        Greatest relative difference of the deviations.
+    similarity : float
+        Greatest difference of the similarities.
+    n_images : int
+    """
+
+    median: Array
+    worst: Array
+    shares: Array
+    deviation: float
+    similarity: float
+    n_images: int
+
+    @property
+    def worst_share(self) -> float:
+        """The greatest difference of all, as a share of the tolerance."""
+        return float(self.shares.max())
+
+    @property
+    def equal(self) -> float:
+        """Share of the images on which both agree to `EQUAL` of the tolerance."""
+        return float(np.mean(self.shares <= EQUAL))
+
+    @classmethod
+    def between(
+        cls,
+        model: KeyframeModel,
+        exported: OnnxEstimator,
+        images: NDArray[np.uint8] | None = None,
+        n_rendered: int = 20,
+    ) -> Agreement:
+        """Compare on the reference image, rendered ones, and others.
+
+        Parameters
+        ----------
+        model : KeyframeModel
+        exported : OnnxEstimator
+        images : ndarray of shape (n, height, width), uint8, optional
+        n_rendered : int
+            If it is 0, only `images` count.
+        """
+        if images is not None and images.shape[1:] != model.image_shape:
+            height, width = model.image_shape
+            raise InvalidInputError(
+                f"The images must be as large as the reference image, {width} x {height} px, got "
+                f"{images.shape[2]} x {images.shape[1]} px."
+            )
+        differences, shares, deviations, similarities = [], [], [], []
+        least = np.repeat([1e-3 * NEAR_ENOUGH["mm"], np.radians(NEAR_ENOUGH["deg"])], 3)
+        shown = _shown(model, n_rendered) if n_rendered else iter(())
+        for image in (*shown, *(() if images is None else images)):
+            ours, theirs = model.estimate(image), exported(image)
+            if not (theirs["is_recognised"] or is_recognised(ours)):
+                continue  # what neither takes for the part is read of nothing
+            found = (ours.displacement, theirs["displacement"].astype(float))
+            six = displacements_from_poses(np.eye(4), np.stack(found), model.pivot)
+            difference = np.abs(six[0] - six[1])
+            known = np.isfinite(ours.std)
+            tolerance = np.maximum(np.where(known, ours.std, 0.0), least)
+            ratio = theirs["deviation"][known] / ours.std[known]
+            differences.append(difference)
+            shares.append((difference / tolerance).max())
+            deviations.append(np.abs(ratio - 1).max())
+            similarities.append(abs(float(theirs["similarity"]) - ours.similarity))
+        if not shares:
+            raise InvalidInputError(
+                "None of the images shows the part of the model; compare on some that do."
+            )
+        return cls(
+            np.median(differences, axis=0),
+            np.max(differences, axis=0),
+            np.array(shares),
+            float(np.max(deviations)),
+            float(np.max(similarities)),
+            len(shares),
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same as plain JSON values, in mm and degrees."""
+        by_dof = [
+            {
+                "dof": dof,
+                "unit": unit,
+                "median": float(median),
+                "worst": float(worst),
+            }
+            for dof, unit, median, worst in zip(
+                DOFS,
+                DISPLAY_UNITS,
+                self.median * DISPLAY_FACTORS,
+                self.worst * DISPLAY_FACTORS,
+                strict=True,
+            )
+        ]
+        return {
+            "images": self.n_images,
+            "equal_share": self.equal,
+            "median_share_of_tolerance": float(np.median(self.shares)),
+            "worst_share_of_tolerance": self.worst_share,
+            "worst_deviation": self.deviation,
+            "worst_similarity": self.similarity,
+            "dofs": by_dof,
+        }
+
+
+def _shown(model: KeyframeModel, n: int) -> Iterator[Image]:
+    """The reference image, and rendered ones of displacements all over the reach, with noise."""
+    rng = np.random.default_rng(0)
+    yield model.reference_image
+    drawn = _DRAWN * model.reach * rng.uniform(-1, 1, (n, 6))
+    for D in poses_from_displacements(np.eye(4), drawn, model.pivot):
+        image = continued(*model.keyframe.render(D)).astype(float)
+        noisy = image + rng.normal(scale=model.keyframe.noise, size=image.shape)
+        yield noisy.round().clip(0, 255).astype(np.uint8)
