@@ -15,8 +15,8 @@ from threadpoolctl import threadpool_limits
 from benchmarks.keyframe import CELLS, DOFS, PIVOT, RANGES
 from benchmarks.tables import Findings
 from servoscope import AcquisitionConfig, Keyframe, acquire
-from servoscope.acquisition import take_image
-from servoscope.acquisition_until import FIRST, N_GROUPS, NEXT, acquire_until
+from servoscope.acquisition.simulated import take_image
+from servoscope.acquisition.until import FIRST, N_GROUPS, NEXT, acquire_until
 from servoscope.data.images import PoseImageSet
 from servoscope.dofs import parse_accuracy
 from servoscope.keyframe import forecast_accuracy, next_displacements, read_held_out

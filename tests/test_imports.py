@@ -23,15 +23,14 @@ ROOMS = (
     ("data",),
     ("scene", "formats"),
     ("robots",),
-    ("acquisition",),
     ("features",),
     ("selection",),
     ("regression",),
     ("keyframe",),
     ("pipeline",),
-    ("acquisition_until",),
     ("positioning",),
     ("export",),
+    ("acquisition",),
     ("sensitivity",),
     ("scoreboard",),
     ("rehearsal",),
@@ -42,7 +41,7 @@ ROOMS = (
     ("__main__",),
 )
 RANK = {room: rank for rank, rooms in enumerate(ROOMS) for room in rooms}
-EDGE = {"scene", "formats", "robots", "acquisition", "acquisition_until"}
+EDGE = {"scene", "formats", "robots", "acquisition"}
 CORE = {"features", "kernels", "selection", "regression", "keyframe"}
 
 

@@ -1,5 +1,6 @@
 from .acquisition import AcquisitionConfig as AcquisitionConfig
 from .acquisition import acquire as acquire
+from .acquisition import acquire_from as acquire_from
 from .data.images import PoseImageSet as PoseImageSet
 from .errors import ServoscopeError as ServoscopeError
 from .features import Eigenfeatures as Eigenfeatures

@@ -92,6 +92,22 @@ def is_rigid(T: ArrayLike, tolerance: float = 1e-4) -> bool:
     return bool(orthonormal.all() and last_row.all() and (np.linalg.det(R) > 0).all())
 
 
+def nearest_rigid(T: ArrayLike) -> Array:
+    """The rigid transform whose rotation is nearest to that of a matrix, which may be off a little.
+
+    Examples
+    --------
+    >>> nearest_rigid(np.diag([1.001, 0.999, 1.0, 1.0]))[:3, :3].round(9)
+    array([[1., 0., 0.],
+           [0., 1., 0.],
+           [0., 0., 1.]])
+    """
+    T = np.asarray(T, dtype=float)
+    u, _, v = np.linalg.svd(T[..., :3, :3])
+    u[..., 2] *= np.linalg.det(u @ v)[..., None]
+    return rigid_transform(u @ v, T[..., :3, 3])
+
+
 def as_rigid(T: ArrayLike, name: str) -> Array:
     """A rigid transform as a new array of shape (4, 4).
 

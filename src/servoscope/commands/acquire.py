@@ -65,7 +65,7 @@ def acquire(
     """
     from servoscope.acquisition import AcquisitionConfig
     from servoscope.acquisition import acquire as acquire_images
-    from servoscope.acquisition_until import FIRST, MOST_IMAGES, acquire_until
+    from servoscope.acquisition.until import FIRST, MOST_IMAGES, acquire_until
     from servoscope.commands.info import describe_data_set
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import print_facts, print_message, progress_bar

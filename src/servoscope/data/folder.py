@@ -311,20 +311,20 @@ def read_poses(folder: Folder, n_images: int) -> NDArray[np.float64]:
 
 
 def keep_image(
-    folder: Folder, i: int, image: NDArray[np.uint8], pose: NDArray[np.float64], n_replaced: int
+    folder: Folder, i: int, image: NDArray[np.uint8], pose: NDArray[np.float64], number: int
 ) -> None:
-    """Keep image i with its pose, whole or not at all, where it is not known how many will be."""
+    """Keep image i with its pose and a number of the caller's, whole or not at all."""
     kept = Path(folder) / KEPT_IMAGES
     kept.mkdir(exist_ok=True)
     arrays: dict[str, NDArray[Any]] = {"image": image, "pose": pose}
-    arrays["n_replaced"] = np.array(n_replaced)
+    arrays["number"] = np.array(number)
     write_arrays(kept / f"{i:06d}.npz", arrays)
 
 
 def kept_images(
     folder: Folder,
 ) -> tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.int_]]:
-    """Images kept by `keep_image`, their poses, and how many draws each replaced, in order.
+    """Images kept by `keep_image`, their poses, and the numbers kept with them, in order.
 
     Raises
     ------
@@ -333,7 +333,7 @@ def kept_images(
     """
     kept: list[dict[str, NDArray[Any]]] = []
     while (path := Path(folder) / KEPT_IMAGES / f"{len(kept):06d}.npz").exists():
-        arrays = read_arrays(path, ("image", "pose", "n_replaced"), DataSetError)
+        arrays = read_arrays(path, ("image", "pose", "number"), DataSetError)
         image, pose = arrays["image"], arrays["pose"]
         alike = not kept or image.shape == kept[0]["image"].shape
         if image.dtype != np.uint8 or image.ndim != 2 or pose.shape != (4, 4) or not alike:
@@ -341,10 +341,48 @@ def kept_images(
         kept.append(arrays)
     if not kept:
         return np.empty((0, 0, 0), np.uint8), np.empty((0, 4, 4)), np.empty(0, int)
-    images, poses, replaced = (
-        np.stack([arrays[name] for arrays in kept]) for name in ("image", "pose", "n_replaced")
+    images, poses, numbers = (
+        np.stack([arrays[name] for arrays in kept]) for name in ("image", "pose", "number")
     )
-    return images, poses, replaced
+    return images, poses, numbers
+
+
+def drop_kept(folder: Folder, start: int) -> None:
+    """Remove the kept images ``start, start + 1, ...``, the last first."""
+    kept = Path(folder) / KEPT_IMAGES
+    for path in sorted(kept.glob("[0-9]*.npz"), reverse=True):
+        if int(path.stem) >= start:
+            path.unlink()
+
+
+def keep_reference(folder: Folder, image: NDArray[np.uint8]) -> None:
+    """Keep the reference image until the data set is finished."""
+    kept = Path(folder) / KEPT_IMAGES
+    kept.mkdir(exist_ok=True)
+    write_arrays(kept / "reference.npz", {"image": image})
+
+
+def kept_reference(folder: Folder) -> NDArray[np.uint8]:
+    """The reference image kept by `keep_reference`.
+
+    Raises
+    ------
+    DataSetError
+        If it is missing or damaged.
+    """
+    path = Path(folder) / KEPT_IMAGES / "reference.npz"
+    image = read_arrays(path, ("image",), DataSetError)["image"]
+    if image.dtype != np.uint8 or image.ndim != 2:
+        raise DataSetError(f"{path} holds no image; begin again with --force.")
+    return image
+
+
+def finish_kept(folder: Folder, images: NDArray[np.uint8], **rest: Any) -> None:
+    """Write images that were kept one by one, and all the rest as `finish` does."""
+    shutil.rmtree(Path(folder) / "images.zarr", ignore_errors=True)
+    create_stack(Path(folder) / "images.zarr", images.shape, "uint8")
+    write_images(folder, 0, images)
+    finish(folder, **rest)
 
 
 def write_progress(folder: Folder, progress: Progress) -> None:

@@ -114,7 +114,7 @@ def check_observable(error_shares: Mapping[str, float]) -> None:
     if not is_of_use(error_shares):
         raise DataSetError(f"{found}; no robot may be moved by that: {ADVICE}.")
     warnings.warn(
-        f"{found}; the robot will not be positioned in these dofs: {ADVICE}.",
+        f"{found}; rely on no accuracy in these dofs: {ADVICE}.",
         ServoscopeWarning,
         stacklevel=3,
     )

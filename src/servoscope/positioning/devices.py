@@ -9,7 +9,7 @@ from collections.abc import Callable
 from types import FrameType, TracebackType
 from typing import Any, TypeVar
 
-from servoscope.poses import inverse_transform
+from servoscope.poses import inverse_transform, nearest_rigid
 from servoscope.positioning.guard import (
     execution_fault,
     image_format_fault,
@@ -145,7 +145,6 @@ class WatchedRobot:
     Parameters
     ----------
     robot : Robot
-        May offer ``stop()``.
     settings : LoopSettings
 
     Attributes
@@ -177,7 +176,7 @@ class WatchedRobot:
                 f"The robot must report its pose as a finite rigid (4, 4) array, but reported "
                 f"{one_line(pose)}; see that it is referenced."
             )
-        return pose.copy()
+        return nearest_rigid(pose)
 
     def check_standing(self, T_world_cam: Array) -> None:
         """End the run if it is no longer where it was when the image was taken."""
@@ -189,9 +188,10 @@ class WatchedRobot:
         """Move by a displacement from a pose, if it is there, and see that this is what it did."""
         self.check_standing(T_world_cam)
         self.is_lost = True
+        displacement = nearest_rigid(displacement)
         try:
             executed = call_within(
-                self._settings.move_timeout_s, lambda: self._robot.move(displacement.copy())
+                self._settings.move_timeout_s, lambda: self._command(displacement, T_world_cam)
             )
         except KeyboardInterrupt:
             raise
@@ -209,7 +209,14 @@ class WatchedRobot:
                 raise _fault(fault)
         self.is_lost = False
         self.moves += 1
-        return executed.copy()
+        return nearest_rigid(executed)
+
+    def _command(self, displacement: Array, T_world_cam: Array) -> Any:
+        """Make a move; the displacement that the robot reports."""
+        if hasattr(self._robot, "move"):
+            return self._robot.move(displacement.copy())
+        self._robot.move_to(nearest_rigid(T_world_cam @ displacement))
+        return inverse_transform(T_world_cam) @ self.pose
 
     def stop(self) -> str:
         """Stop the robot, if it can be; what came of it in a few words, for a message."""

@@ -24,29 +24,26 @@ class Camera(Protocol):
 class Robot(Protocol):
     """Anything that carries the camera.
 
-    A robot may also offer ``stop()``, which is called at the end of every run that may have moved
-    it: it must be safe to call while the robot stands.
-
     The frame that is reported and moved may be the camera's or the flange's, as long as it is the
     one of the training poses. Where the camera sits in it need not be known.
+
+    A robot may also offer ``stop()``, which is called at the end of every run that may have moved
+    it: it must be safe to call while the robot stands. One that offers
+    ``move(displacement)``, with ``T_new = T_now @ displacement``, which returns the displacement
+    that was executed, is moved by that, and needs no `move_to`.
     """
 
     @property
     def pose(self) -> Array:
         """``T_world_cam`` as the robot believes it, (4, 4), [m]."""
 
-    def move(self, displacement: Array) -> Array:
-        """Move by a displacement in the frame's own axes, ``T_new = T_now @ displacement``.
+    def move_to(self, pose: Array) -> object:
+        """Go to a pose, and return once the robot stands there.
 
         Parameters
         ----------
-        displacement : ndarray of shape (4, 4)
-            [m].
-
-        Returns
-        -------
-        ndarray of shape (4, 4)
-            The displacement that was executed once the robot stands still, [m].
+        pose : ndarray of shape (4, 4)
+            Of the frame that `pose` reports, in the same world, [m].
 
         Raises
         ------

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
-from servoscope.acquisition import MOST_DEG, MOST_MM
+from servoscope.acquisition.simulated import MOST_DEG, MOST_MM
 from servoscope.dofs import mask_of
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS

@@ -9,7 +9,7 @@ import pytest
 
 from layered_world import MOUNT, photographs
 from servoscope import AcquisitionConfig, acquire, acquisition_until
-from servoscope.acquisition_until import (
+from servoscope.acquisition.until import (
     FIRST,
     NEXT,
     acquire_until,

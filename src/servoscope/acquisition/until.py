@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from servoscope.acquisition import AcquisitionConfig, take_image, take_reference
+from servoscope.acquisition.simulated import AcquisitionConfig, take_image, take_reference
 from servoscope.data import folder as dataset_folder
 from servoscope.data.folder import (
     Folder,
@@ -35,7 +34,6 @@ from servoscope.keyframe import (
 )
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS, displacements_from_poses
 from servoscope.processes import in_processes
-from servoscope.storage.stacks import create_stack
 
 Array = NDArray[np.float64]
 Images = NDArray[np.uint8]
@@ -258,11 +256,9 @@ def _take_all(
         seed=config.seed, n_jobs=n_jobs, on_standing=on_standing,
     )  # fmt: skip
     n_replaced = int(kept_images(folder)[2].sum())
-    shutil.rmtree(folder / "images.zarr", ignore_errors=True)
-    create_stack(folder / "images.zarr", images.shape, "uint8")
-    dataset_folder.write_images(folder, 0, images)
-    dataset_folder.finish(
+    dataset_folder.finish_kept(
         folder,
+        images,
         reference_image=reference_image,
         T_world_ref=T_world_ref,
         T_world_cam=poses,

@@ -141,7 +141,7 @@ def test_a_finished_folder_is_only_read(tmp_path: Path, monkeypatch: pytest.Monk
     config = AcquisitionConfig(n_images=2, image_size=16)
     first = acquire(tmp_path, config, n_jobs=1)
     before = _content(tmp_path)
-    monkeypatch.setattr("servoscope.acquisition.make_robot", _interrupt)
+    monkeypatch.setattr("servoscope.acquisition.simulated.make_robot", _interrupt)
     assert_same(acquire(tmp_path, config, n_jobs=1), first)
     assert _content(tmp_path) == before
 

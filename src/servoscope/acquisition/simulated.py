@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from itertools import chain, islice, pairwise
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.acquisition.plan import Draws
 from servoscope.data import folder as dataset_folder
 from servoscope.data.folder import (
     IMAGES_PER_CHUNK,
@@ -39,8 +40,8 @@ Array = NDArray[np.float64]
 MOST_MM, MOST_DEG = 200.0, 60.0
 """Largest displacements along and about an axis."""
 
-_POSES, _CAMERA, _REFERENCE, _REPLACEMENTS = range(4)
-"""What random numbers are drawn for: each has streams of its own."""
+_CAMERA, _REFERENCE = 1, 2
+"""What random numbers are drawn for beside those of `Draws`: each has streams of its own."""
 
 
 @dataclass(frozen=True)
@@ -198,48 +199,24 @@ class AcquisitionConfig:
         T_reported_cam = inverse_transform(T_world_ref) @ T_WORLD_REF
         return float((T_reported_cam @ [0.0, 0.0, 1e-3 * self.pivot_mm, 1.0])[2])
 
+    def draws(self) -> Draws:
+        """What displacements are drawn."""
+        return Draws(self.rings(), self.ranges(), self.seed)
+
     def displacements(self) -> Array:
-        """The displacements that are drawn first, about the pivot, (n_images, 6), [m] and [rad].
-
-        More images in a ring begin with the same ones, and other rings do not change.
-        """
-        return np.concatenate(
-            [
-                self._stream(_POSES, r).uniform(-1.0, 1.0, (ring.n_images, 6))
-                * (ring.factor * self.ranges())
-                for r, ring in enumerate(self.rings())
-            ]
-        )
-
-    def replacements(self, i: int) -> Iterator[Array]:
-        """What is drawn for image `i`, one after the other, where a robot cannot go, (6,)."""
-        r, k = self._place(i)
-        rng = self._stream(_REPLACEMENTS, r, k)
-        while True:
-            yield rng.uniform(-1.0, 1.0, 6) * (self.rings()[r].factor * self.ranges())
+        """The displacements that are drawn first, about the pivot, (n_images, 6), [m] and [rad]."""
+        return self.draws().displacements()
 
     def camera_rng(self, i: int | None = None) -> np.random.Generator:
         """What draws the robot's errors and the noise of image `i`, or of the reference image."""
         if i is None:
-            return self._stream(_REFERENCE, 0)
-        return self._stream(_CAMERA, *self._place(i))
+            return self.draws().stream(_REFERENCE, 0)
+        return self.draws().stream_of_image(_CAMERA, i)
 
     def poses(self) -> Array:
         """The poses that are commanded first, shape (n_images, 4, 4), [m]."""
         T_world_ref = self.reference()
         return poses_from_displacements(T_world_ref, self.displacements(), self.pivot(T_world_ref))
-
-    def _place(self, i: int) -> tuple[int, int]:
-        """The ring of image `i`, and its number in there."""
-        for r, ring in enumerate(self.rings()):
-            if i < ring.n_images:
-                return r, i
-            i -= ring.n_images
-        raise IndexError(i)
-
-    def _stream(self, purpose: int, r: int, *k: int) -> np.random.Generator:
-        # The first ring goes without its number: zeros at the end of short seeds change nothing.
-        return np.random.default_rng([self.seed, purpose, *k, *([r] if r else [])])
 
 
 Images = NDArray[np.uint8]
@@ -411,7 +388,7 @@ def take_image(
     The robot starts at its reference for every one, so that no image depends on another.
     """
     pivot = config.pivot(T_world_ref)
-    draws = islice(chain([first], config.replacements(i)), MOST_DRAWS)
+    draws = islice(chain([first], config.draws().replacements(i)), MOST_DRAWS)
     for n_replaced, delta_p in enumerate(draws):
         rng = config.camera_rng(i)
         robot = make_robot(config.robot, config.scene(), config.repeatability(), rng)
