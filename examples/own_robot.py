@@ -1,4 +1,4 @@
-"""Positioning with a camera and a robot of your own.
+r"""Positioning with a camera and a robot of your own.
 
 `MyCamera` and `MyRobot` are all that servoscope needs to know of them. `driver` stands for whatever
 your robot is commanded by: it has `get_pose()`, a 4 x 4 matrix in metres of the flange (or of any
@@ -6,12 +6,16 @@ frame that moves with the camera), `move_linear(pose)`, which returns when the r
 and `stop()`. Jog the robot to its reference view, then, with Python started in `examples/`:
 
     import servoscope as sv
-    from own_robot import MyCamera, MyRobot, take_images
+    from own_robot import MyCamera, MyRobot
     from servoscope.positioning.training import train
 
     robot, camera = MyRobot(driver), MyCamera()
-    take_images(robot, camera).save("my_part")  # the robot moves: mind what is around it
-    train(sv.PoseImageSet.load("my_part")).save("my_model")
+    # the robot moves: within 10 mm and 5 deg of a point 300 mm before the flange, times 1.6
+    data = sv.acquire_from(
+        robot, camera, "my_part", translation_mm=10, rotation_deg=5, pivot_mm=300,
+        confirm=lambda plan: input(f"{plan}\n move the robot? ") == "yes",
+    )
+    train(data).save("my_model")
 
     positioner = sv.Positioner.load("my_model")
     print(positioner.run(robot, camera, dry_run=True).message)
@@ -20,9 +24,6 @@ and `stop()`. Jog the robot to its reference view, then, with Python started in 
 
 import cv2
 import numpy as np
-
-import servoscope as sv
-from servoscope.poses import inverse_transform, poses_from_displacements
 
 
 class MyCamera:
@@ -44,7 +45,7 @@ class MyCamera:
 
 
 class MyRobot:
-    """A robot that reports its pose and moves to another."""
+    """A robot that reports its pose and goes to another."""
 
     def __init__(self, driver):
         self.driver = driver
@@ -53,40 +54,8 @@ class MyRobot:
     def pose(self):
         return self.driver.get_pose()
 
-    def move(self, displacement):
-        before = self.pose
-        self.driver.move_linear(before @ displacement)
-        return inverse_transform(before) @ self.pose
+    def move_to(self, pose):
+        self.driver.move_linear(pose)
 
     def stop(self):
         self.driver.stop()
-
-
-def take_images(
-    robot, camera, schedule=((40, 1.0),), mm=(25, 25, 25), deg=(15, 15, 15), pivot=0.55, seed=0
-):
-    """Images at random displacements around where the robot stands, and back again.
-
-    The frame swings about a point `pivot` metres ahead: with 25 mm and 15 degrees it is carried up
-    to 25 + 550 sin(15 deg) = 167 mm to each side, and it jumps from one pose to any other.
-    """
-    rng = np.random.default_rng(seed)
-    ranges = np.array([*np.multiply(mm, 1e-3), *np.radians(deg)])
-    rings = [factor * ranges * rng.uniform(-1, 1, (n, 6)) for n, factor in schedule]
-    T_ref = robot.pose
-    reference = np.mean([camera.read() for _ in range(16)], axis=0).round().astype(np.uint8)
-    images, poses = [], []
-    for T in poses_from_displacements(T_ref, np.vstack(rings), pivot):
-        robot.move(inverse_transform(robot.pose) @ T)
-        images.append(camera.read())
-        poses.append(robot.pose)
-    robot.move(inverse_transform(robot.pose) @ T_ref)
-    widest = max(factor for _, factor in schedule)
-    return sv.PoseImageSet(
-        np.array(images),
-        np.array(poses),
-        T_ref,
-        reference,
-        pivot=pivot,
-        pivot_ranges=widest * ranges,
-    )

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import servoscope as sv
-from servoscope.data.schedule import parse_schedule
-from servoscope.poses import pose_error, rigid_transform
+from planar import PIVOT, planar_images
+from servoscope.poses import displacements_from_poses, pose_error, rigid_transform
 
 SCRIPT = Path(__file__).parents[2] / "examples" / "own_robot.py"
 
@@ -47,12 +47,12 @@ class Video:
         return self.frame is not None, self.frame
 
 
-def test_the_robot_moves_in_its_own_axes_and_tells_what_it_did(example) -> None:
+def test_the_robot_goes_where_it_is_sent_and_stops(example) -> None:
     driver = Driver()
-    robot, before = example.MyRobot(driver), driver.get_pose()
-    displacement = rigid_transform(np.eye(3), [0.0, 0.0, 0.05])
-    np.testing.assert_allclose(robot.move(displacement), displacement, atol=1e-12)
-    np.testing.assert_allclose(robot.pose[:3, 3] - before[:3, 3], [0, 0, -0.05], atol=1e-12)
+    robot = example.MyRobot(driver)
+    target = robot.pose @ rigid_transform(np.eye(3), [0.0, 0.0, 0.05])
+    robot.move_to(target)
+    np.testing.assert_array_equal(robot.pose, target)
     robot.stop()
     assert driver.stopped
 
@@ -72,20 +72,20 @@ def test_the_camera_gives_the_newest_grey_middle(example, monkeypatch) -> None:
         example.MyCamera().read()
 
 
-def test_images_are_taken_around_the_reference_and_the_robot_comes_back(example) -> None:
+def test_images_are_taken_around_the_reference_and_the_robot_comes_back(example, tmp_path) -> None:
     driver = Driver()
     robot = example.MyRobot(driver)
     start = robot.pose
 
     class Camera:
         def read(self):
-            return np.full((8, 8), 50, np.uint8)
+            delta_p = displacements_from_poses(start, driver.T[None], PIVOT)
+            return planar_images(delta_p, 32, seed=1)[0]
 
-    schedule = parse_schedule("20@1.0,10@0.1")
-    data = example.take_images(robot, Camera(), schedule, pivot=0.5)
+    options = {"translation_mm": 10, "rotation_deg": 5, "pivot_mm": 1e3 * PIVOT, "n_images": 20}
+    data = sv.acquire_from(robot, Camera(), tmp_path / "part", **options)
     assert isinstance(data, sv.PoseImageSet)
-    assert len(data) == 30
+    assert len(data) == 20
     assert max(pose_error(robot.pose, start)) < 1e-7
-    shares = np.abs(data.delta_p() / data.ranges()).max(axis=1)
-    assert shares[:20].max() <= 1 + 1e-9
-    assert 0.05 < shares[20:].max() <= 0.1 + 1e-9
+    assert driver.stopped
+    assert 0.5 < np.abs(data.delta_p() / data.ranges()).max() <= 1 + 1e-9

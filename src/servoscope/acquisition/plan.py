@@ -16,13 +16,13 @@ from scipy.spatial.transform import Rotation, Slerp
 from servoscope.compiled import compiled
 from servoscope.data.schedule import Schedule
 from servoscope.errors import InvalidInputError
-from servoscope.files import write_atomically
 from servoscope.poses import (
     inverse_transform,
     pose_error,
     poses_from_displacements,
     rigid_transform,
 )
+from servoscope.storage.folders import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -375,7 +375,7 @@ class Plan:
         ]
         if self.workspace is UNLIMITED or not str(self.workspace):
             lines.append(
-                "no workspace is given: --workspace x=300:700,... is a box it never leaves"
+                "no workspace is given: --workspace x=300:700,z=100:600 is a box it never leaves"
             )
         else:
             lines.append(

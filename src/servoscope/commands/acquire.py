@@ -2,14 +2,33 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Annotated, Any
 
-from tyro.conf import create_mutex_group
+from tyro.conf import arg, create_mutex_group
 
-from servoscope.commands.options import DataSetOut, Dofs, Force, Jobs, Json, Part, RobotName
+from servoscope.commands.options import DataSetOut, Dofs, Force, Jobs, Json, Part
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 IMAGES_OR_RINGS = create_mutex_group(required=False)
 """A schedule says how many images to take, so only one of the two can be asked for."""
+
+Robot = Annotated[
+    str,
+    arg(
+        metavar="ROBOT",
+        help="free or arm, which are simulated, or a robot of your own, such as module:Class or "
+        "ur:192.0.2.7, standing at the reference: docs/robots.md.",
+    ),
+]
+Camera = Annotated[
+    str | None,
+    arg(metavar="CAMERA", help="What the robot carries, such as opencv:0 or module:Class."),
+]
+Yes = Annotated[bool, arg(help="Move the robot without asking.")]
 
 
 def acquire(
@@ -21,7 +40,15 @@ def acquire(
     seed: int = 0,
     part: Part = "cylinder_head",
     variant: int = 0,
-    robot: RobotName = "free",
+    robot: Robot = "free",
+    camera: Camera = None,
+    preview: bool = False,
+    yes: Yes = False,
+    workspace: str = "",
+    max_step_mm: float = 50.0,
+    max_step_deg: float = 10.0,
+    check_every: int = 50,
+    settle_s: float = 5.0,
     dofs: Dofs = None,
     translation_mm: float = 25.0,
     rotation_deg: float = 15.0,
@@ -32,10 +59,14 @@ def acquire(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Take images of a simulated part at random poses around the reference.
+    """Take images of a part at random poses around the reference, with a robot or simulated.
 
-    The reference looks straight down on the part from 550 mm. An interrupted acquisition goes on
-    where it stopped when the same command is given again.
+    A robot of your own stands at the reference when the command is given. What it will do is said
+    before it moves: how far from there, in how many steps, and how long it takes; --preview ends
+    there, and draws the way in OUT/plan.png. Every image is on disk before it moves on, and it
+    returns to the reference at the end. The simulated reference looks straight down on the part
+    from 550 mm. An interrupted acquisition goes on where it stopped when the same command is given
+    again.
 
     Example: servoscope acquire head --n-images 1000 --image-size 256 --seed 0
 
@@ -47,9 +78,15 @@ def acquire(
 
     Example: servoscope acquire plane --schedule 40@1.6 --part textured_plane --robot arm
 
+    Example: servoscope acquire part --robot ur:192.0.2.7 --camera opencv:0 --pivot-mm 300 --preview
+
+    Example: servoscope acquire part --robot my_cell:Robot --camera my_cell:Camera --n-images 40
+        --translation-mm 10 --rotation-deg 5 --workspace x=300:700,y=-200:200,z=150:600
+
     Args:
         n_images: Number of images, drawn from the whole range; 1000 by default. With --until,
-            the most that are taken; 100 by default.
+            the most that are taken; 100 by default. Of a robot of your own 40, drawn from 1.6
+            times the range.
         schedule: Rings to take instead, IMAGES@FACTOR each, FACTOR being the share of the range
             that a ring is drawn from; "default" takes those recommended for positioning.
         until: Largest median error of one look from anywhere in the range. Images are taken where
@@ -59,12 +96,21 @@ def acquire(
         variant: Another number, from 0, gives another part of the kind.
         translation_mm: Largest displacement along each axis, in mm.
         rotation_deg: Largest rotation about each axis, in degrees.
-        pivot_mm: Distance of the centre of rotation from the camera, in mm.
+        pivot_mm: Distance of the centre of rotation, where the part is, along z of the camera, or
+            of the frame that a robot of your own reports, in mm.
+        preview: Say what the robot would do, and do nothing.
+        workspace: A box that the reported frame never leaves, in mm of the robot's coordinates,
+            such as x=300:700,z=150:600.
+        max_step_mm: Longer ways are gone in steps of at most so much.
+        max_step_deg: The same for rotations.
+        check_every: After so many images the reference is looked at again.
+        settle_s: How long the view may take to come to rest after a move.
         repeatability_mm: Standard deviation of the robot's position error, in mm.
         repeatability_deg: Standard deviation of the robot's rotation error, in degrees.
     """
     from servoscope.acquisition import AcquisitionConfig
     from servoscope.acquisition import acquire as acquire_images
+    from servoscope.acquisition.plan import Plan, Workspace
     from servoscope.acquisition.until import FIRST, MOST_IMAGES, acquire_until
     from servoscope.commands.info import describe_data_set
     from servoscope.commands.options import n_jobs
@@ -73,7 +119,30 @@ def acquire(
     from servoscope.dofs import parse_accuracy, parse_dofs
     from servoscope.errors import InvalidInputError
     from servoscope.poses import DOFS
+    from servoscope.robots.registry import ROBOTS
 
+    rings = () if schedule is None else parse_schedule(schedule)
+    wanted = DOFS if dofs is None else parse_dofs(dofs)
+    box = Workspace.parse(workspace)
+    if robot not in ROBOTS:
+        if ":" not in robot:
+            raise InvalidInputError(
+                f"--robot must be one of {', '.join(ROBOTS)}, which are simulated, or a robot of "
+                f"your own such as module:Class, got {robot!r}."
+            )
+        if until is not None:
+            raise InvalidInputError(
+                "--until is for simulated robots; leave it out, and add images later if need be."
+            )
+        settings = {
+            "n_images": n_images, "schedule": rings, "seed": seed, "dofs": wanted,
+            "translation_mm": translation_mm, "rotation_deg": rotation_deg, "pivot_mm": pivot_mm,
+            "workspace": box, "max_step_mm": max_step_mm, "max_step_deg": max_step_deg,
+            "check_every": check_every, "settle_s": settle_s,
+        }  # fmt: skip
+        if _take(out, robot, camera, settings, preview=preview, yes=yes, force=force):
+            print_facts(describe_data_set(out), as_json=json)
+        return
     request = None if until is None else parse_accuracy(until)
     if request is not None:
         if schedule is not None:
@@ -92,12 +161,17 @@ def acquire(
         pivot_mm=pivot_mm,
         repeatability_mm=repeatability_mm,
         repeatability_deg=repeatability_deg,
-        schedule=() if schedule is None else parse_schedule(schedule),
+        schedule=rings,
         part=part,
         variant=variant,
         robot=robot,
-        dofs=DOFS if dofs is None else parse_dofs(dofs),
+        dofs=wanted,
     )
+    if preview:
+        T_world_ref = config.reference()
+        pivot = config.pivot(T_world_ref)
+        _show(Plan.draw(config.draws(), T_world_ref, pivot=pivot, workspace=box), out)
+        return
     with progress_bar("images", config.total()) as advance:
         if request is None:
             acquire_images(out, config, n_jobs=n_jobs(jobs), force=force, on_progress=advance)
@@ -107,3 +181,52 @@ def acquire(
                 on_standing=lambda standing: print_message(str(standing)),
             )  # fmt: skip
     print_facts(describe_data_set(out), as_json=json)
+
+
+def _take(
+    out: Path,
+    robot: str,
+    camera: str | None,
+    settings: dict[str, Any],
+    *,
+    preview: bool,
+    yes: bool,
+    force: bool,
+) -> bool:
+    """Take images with a robot of one's own; False if it was only asked what that means."""
+    from servoscope.acquisition.recording import RecordingConfig, acquire_from
+    from servoscope.acquisition.recording import preview as previewed
+    from servoscope.commands.output import confirmed, print_message, progress_bar
+    from servoscope.robots.devices import open_both, open_robot
+
+    config = RecordingConfig(**settings)
+    if preview:
+        _show(previewed(open_robot(robot), config), out)
+        return False
+    device, taking = open_both(robot, camera)
+
+    with ExitStack() as stack:
+        advances: list[Callable[[int], object]] = []
+
+        def agreed(plan: Any) -> bool:
+            print_message(str(plan))
+            agrees = confirmed("Move the robot?", yes)
+            if agrees:
+                advances.append(stack.enter_context(progress_bar("images", config.total)))
+            return agrees
+
+        acquire_from(
+            device, taking, out, force=force, confirm=agreed, on_message=print_message,
+            on_progress=lambda n_done: advances[0](n_done), **settings,
+        )  # fmt: skip
+    return True
+
+
+def _show(plan: Any, out: Path) -> None:
+    """Print a plan, and draw it."""
+    from servoscope.commands.output import console
+
+    out.mkdir(parents=True, exist_ok=True)
+    plan.save_picture(out / "plan.png")
+    console().print(str(plan), markup=False, highlight=False)
+    console().print(f"the way is drawn in {out / 'plan.png'}", markup=False, highlight=False)

@@ -26,6 +26,7 @@ from rich.progress import (
 from rich.segment import Segment
 from rich.table import Table
 
+from servoscope.errors import InvalidInputError
 from servoscope.wording import one_line, printable
 
 _PLAIN = {
@@ -124,6 +125,22 @@ def print_facts(facts: Mapping[str, Any], *, as_json: bool = False) -> None:
 def print_message(message: str) -> None:
     """Print a line on standard error."""
     print(one_line(message, _LONGEST_MESSAGE), file=sys.stderr)
+
+
+def confirmed(question: str, yes: bool) -> bool:
+    """Whether a person agrees, or has agreed before by ``--yes``.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is nobody to be asked.
+    """
+    if yes:
+        return True
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        raise InvalidInputError(f"{question} Nobody can be asked here; agree with --yes.")
+    print_message(f"{question} [y/N]")
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
 def _shown(value: Any) -> str:
