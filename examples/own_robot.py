@@ -1,4 +1,4 @@
-r"""Positioning with a camera and a robot of your own.
+"""Positioning with a camera and a robot of your own.
 
 `MyCamera` and `MyRobot` are all that servoscope needs to know of them. `driver` stands for whatever
 your robot is commanded by: it has `get_pose()`, a 4 x 4 matrix in metres of the flange (or of any
@@ -6,14 +6,14 @@ frame that moves with the camera), `move_linear(pose)`, which returns when the r
 and `stop()`. Jog the robot to its reference view, then, with Python started in `examples/`:
 
     import servoscope as sv
-    from own_robot import MyCamera, MyRobot
+    from own_robot import MyCamera, MyRobot, agreed
     from servoscope.positioning.training import train
 
     robot, camera = MyRobot(driver), MyCamera()
     # the robot moves: within 10 mm and 5 deg of a point 300 mm before the flange, times 1.6
     data = sv.acquire_from(
         robot, camera, "my_part", translation_mm=10, rotation_deg=5, pivot_mm=300,
-        confirm=lambda plan: input(f"{plan}\n move the robot? ") == "yes",
+        confirm=agreed,
     )
     train(data).save("my_model")
 
@@ -24,6 +24,11 @@ and `stop()`. Jog the robot to its reference view, then, with Python started in 
 
 import cv2
 import numpy as np
+
+
+def agreed(plan):
+    """Whether a person agrees to what the robot will do."""
+    return input(f"{plan}\nMove the robot? ") == "yes"
 
 
 class MyCamera:

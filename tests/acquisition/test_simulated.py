@@ -109,8 +109,8 @@ def test_an_interrupted_acquisition_goes_on_where_it_stopped(
 @pytest.mark.parametrize(
     "step",
     [
-        "acquisition.write_poses",
-        "acquisition.write_progress",
+        "acquisition.simulated.write_poses",
+        "acquisition.simulated.write_progress",
         "data.folder.finish",
         "data.folder.write_images",
         "data.folder.write_json",

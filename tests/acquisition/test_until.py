@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from layered_world import MOUNT, photographs
-from servoscope import AcquisitionConfig, acquire, acquisition_until
+from servoscope import AcquisitionConfig, acquire
+from servoscope.acquisition import until as acquisition_until
 from servoscope.acquisition.until import (
     FIRST,
     NEXT,
