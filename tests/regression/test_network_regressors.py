@@ -185,7 +185,7 @@ def test_arrays_that_do_not_fit_together_are_refused():
         ({"hidden": 0}, "hidden must be at least 1, got 0"),
         ({"restarts": 0}, "restarts must be at least 1"),
         ({"damping": 0.0}, "damping must be positive"),
-        ({"weight_decay": -1.0}, "weight_decay not negative"),
+        ({"weight_decay": -1.0}, "weight_decay must not be negative"),
         ({"damping": float("nan")}, "damping must be positive"),
     ],
 )

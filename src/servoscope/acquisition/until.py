@@ -136,11 +136,6 @@ def take_until(
     Returns
     -------
     images, poses, Standing
-
-    Raises
-    ------
-    InvalidInputError
-        If no keyframe can be fitted to the images.
     """
     empty = np.empty((0, *reference_image.shape), np.uint8), np.empty((0, 4, 4))
     images, poses = empty if taken is None else taken

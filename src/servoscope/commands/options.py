@@ -76,13 +76,7 @@ def with_dofs(data: PoseImageSet, dofs: str | None) -> PoseImageSet:
 
 
 def n_jobs(jobs: int | None) -> int:
-    """Number of processes in joblib's terms for ``--jobs``, -1 being all cores.
-
-    Raises
-    ------
-    InvalidInputError
-        If it is less than 1.
-    """
+    """Number of processes in joblib's terms for ``--jobs``, -1 being all cores."""
     if jobs is None:
         return -1
     if jobs < 1:

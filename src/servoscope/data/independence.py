@@ -181,13 +181,7 @@ def split_data(
 
 
 def split_groups(data: PoseImageSet, groups: IndependentGroups, seed: int) -> Split:
-    """The images of an assessment that train, validate and test.
-
-    Raises
-    ------
-    InvalidInputError
-        If there are fewer than `LEAST_IMAGES` images, or too few are left to learn from.
-    """
+    """The images of an assessment that train, validate and test."""
     if len(data) < LEAST_IMAGES:
         raise InvalidInputError(
             f"An assessment needs at least {LEAST_IMAGES} images to learn from and to test on, "

@@ -114,8 +114,21 @@ def _normalised_slopes(image: NDArray[Any], size: int) -> Floats:
 class CellMoments(ImageTransformer):
     """Moments of order 0 of layers of an image, about each cell of a grid.
 
-    A subclass has parameters `n_cells` and `size`, computes the layers of an image in `_cells`
-    and names them in `layer_names`.
+    A subclass computes the layers of an image in `_cells` and names them in `layer_names`.
+
+    Parameters
+    ----------
+    n_cells : int
+        Cells along either side of the image; no more than it has pixels.
+    size : int
+        Pixels along the longer side that larger images are shrunk to first.
+    image_shape : (height, width), optional
+        What flat images are; 1 x n_pixels by default.
+
+    Attributes
+    ----------
+    n_rows_, n_columns_ : int
+        Cells from top to bottom and from left to right.
     """
 
     n_rows_: int
@@ -159,24 +172,7 @@ class CellMoments(ImageTransformer):
 class GradientMoments(CellMoments):
     """How much slope there is in each of 8 directions about each cell of an image.
 
-    Parameters
-    ----------
-    n_cells : int
-        Cells along either side of the image; no more than it has pixels.
-    size : int
-        Pixels along the longer side that larger images are shrunk to first.
-    image_shape : (height, width), optional
-        What flat images are; 1 x n_pixels by default.
-
-    Attributes
-    ----------
-    n_rows_, n_columns_ : int
-        Cells from top to bottom and from left to right.
-
-    Raises
-    ------
-    InvalidInputError
-        If a parameter is no whole number from 1.
+    Parameters and attributes are those of `CellMoments`.
 
     Notes
     -----
@@ -222,24 +218,7 @@ _WHITE_QUANTILE = 0.8
 class IntensityMoments(CellMoments):
     """How much of each cell of an image lies in each of 6 soft slices of intensity.
 
-    Parameters
-    ----------
-    n_cells : int
-        Cells along either side of the image; no more than it has pixels.
-    size : int
-        Pixels along the longer side that larger images are shrunk to first.
-    image_shape : (height, width), optional
-        What flat images are; 1 x n_pixels by default.
-
-    Attributes
-    ----------
-    n_rows_, n_columns_ : int
-        Cells from top to bottom and from left to right.
-
-    Raises
-    ------
-    InvalidInputError
-        If a parameter is no whole number from 1.
+    Parameters and attributes are those of `CellMoments`.
 
     Notes
     -----

@@ -135,13 +135,7 @@ def compute_image_basis(
 def fitted_basis(
     flat: NDArray[Any], n_components: int, image_shape: ImageShape, basis: ImageBasis | None
 ) -> ImageBasis:
-    """The leading eigenvectors of a basis that was given, or else of the images.
-
-    Raises
-    ------
-    InvalidInputError
-        If the basis is of images of another size or has fewer than `n_components` eigenvectors.
-    """
+    """The leading eigenvectors of a basis that was given, or else of the images."""
     if basis is None:
         return compute_image_basis(flat, n_components, image_shape)
     if basis.image_shape != image_shape:
@@ -230,13 +224,7 @@ class Eigenfeatures(LearnedProjection):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, ArrayLike]) -> Self:
-        """Features as those that `to_arrays` was called on.
-
-        Raises
-        ------
-        InvalidInputError
-            If an array is missing or the sizes disagree.
-        """
+        """Features as those that `to_arrays` was called on."""
         features = super().from_arrays(arrays)
         eigenvalues = np.asarray(arrays.get("eigenvalues", ()), dtype=np.float64)
         if len(eigenvalues) != len(features.components_):

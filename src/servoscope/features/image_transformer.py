@@ -30,11 +30,6 @@ def flatten_images(X: Any, image_shape: ImageShape | None) -> tuple[Any, ImageSh
     Flat arrays, data frames and sparse matrices are handed back as they are; `image_shape` says
     what they are, 1 x n_pixels by default.
 
-    Raises
-    ------
-    InvalidInputError
-        If X is neither, is not of the given shape, or hides values behind a mask.
-
     Examples
     --------
     >>> flat, image_shape = flatten_images(np.zeros((5, 3, 4)), None)
@@ -332,13 +327,7 @@ class LearnedProjection(LinearProjection):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, ArrayLike]) -> Self:
-        """Features as those that `to_arrays` was called on.
-
-        Raises
-        ------
-        InvalidInputError
-            If an array is missing or the sizes disagree.
-        """
+        """Features as those that `to_arrays` was called on."""
         names = ("image_shape", "brightest", "mean", "components")
         if missing := set(names) - set(arrays):
             raise InvalidInputError(f"{cls.__name__} needs the array {min(missing)!r}.")

@@ -100,13 +100,7 @@ class RobustProjection:
     def from_arrays(
         cls, arrays: Mapping[str, ArrayLike], n_layers: int, n_values: int
     ) -> RobustProjection:
-        """The projection of arrays, for so many layers and values.
-
-        Raises
-        ------
-        InvalidInputError
-            If the arrays are not of so many values, or the noise is not above 0.
-        """
+        """The projection of arrays, for so many layers and values."""
         mean, components, nuisances, noise = (
             np.asarray(arrays[name], dtype=np.float64) for name in cls.ARRAYS
         )
@@ -304,15 +298,7 @@ class RobustMoments(ImageTransformer):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, ArrayLike]) -> RobustMoments:
-        """Features as those that `to_arrays` was called on.
-
-        Raises
-        ------
-        InvalidInputError
-            If the arrays do not belong together.
-        KeyError
-            If some are missing.
-        """
+        """Features as those that `to_arrays` was called on."""
         height, width, n_cells, n_fine_cells, size = map(int, np.asarray(arrays["settings"]))
         check_whole_number("n_cells", n_cells, 1)
         features = cls(n_cells=n_cells, n_fine_cells=n_fine_cells, size=size)

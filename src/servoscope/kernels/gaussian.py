@@ -69,13 +69,7 @@ def inverse_covariance(kernel: GaussianKernel, X: Array) -> tuple[Array, float]:
 
 
 def invert(covariance: Array, variance: float) -> tuple[Array, float]:
-    """Inverse of a covariance with a variance added to its diagonal, and half its log determinant.
-
-    Raises
-    ------
-    InvalidInputError
-        If the sum is not positive definite.
-    """
+    """Inverse of a covariance with a variance on its diagonal, and half its log determinant."""
     covariance = np.array(covariance, order="F")
     covariance[np.diag_indices_from(covariance)] += variance
     factor, failed = lapack.dpotrf(covariance, lower=True, clean=False, overwrite_a=True)

@@ -93,13 +93,7 @@ class KernelRegressor(SampleRegressor):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, ArrayLike]) -> Self:
-        """A regressor that predicts as the one that `to_arrays` was called on.
-
-        Raises
-        ------
-        InvalidInputError
-            If an array is missing or the sizes disagree.
-        """
+        """A regressor that predicts as the one that `to_arrays` was called on."""
         values = check_arrays(arrays, _ARRAYS, "A kernel regressor")
         centre, length_scales, signal, noise, offset, X, y = values
         n_features = centre.size

@@ -49,6 +49,18 @@ class NetworkRegressor(SampleRegressor):
     def _settings(self) -> Settings:
         """How each start is trained."""
 
+    def _check_parameters(self) -> None:
+        values = self.get_params()
+        for name in ("hidden", "restarts", "max_iter", "patience"):
+            if values.get(name, 1) < 1:
+                raise InvalidInputError(f"{name} must be at least 1, got {values[name]}.")
+        if not values.get("damping", 1.0) > 0:
+            raise InvalidInputError(f"damping must be positive, got {values['damping']}.")
+        if not values.get("weight_decay", 0.0) >= 0:
+            raise InvalidInputError(
+                f"weight_decay must not be negative, got {values['weight_decay']}."
+            )
+
     def _learn(self, learned: Shots, others: Shots | None) -> None:
         options = self._training_options()
         validation = (None, None) if others is None else others.each
@@ -108,15 +120,7 @@ class NetworkRegressor(SampleRegressor):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, ArrayLike]) -> Self:
-        """A regressor that predicts as the one that `to_arrays` was called on.
-
-        How it was trained (`results_`) is not kept.
-
-        Raises
-        ------
-        InvalidInputError
-            If an array is missing or the sizes disagree.
-        """
+        """A regressor that predicts as the one that `to_arrays` was called on."""
         weights, *scales = check_arrays(arrays, _ARRAYS, "A network")
         n_features = scales[0].size
         hidden, rest = divmod(weights.size - 1, n_features + 2)
@@ -134,13 +138,6 @@ class NetworkRegressor(SampleRegressor):
         )
         regressor._take_names(n_features, arrays)
         return regressor
-
-
-def check_counts(regressor: NetworkRegressor, *names: str) -> None:
-    """Raise InvalidInputError where a parameter is below 1."""
-    for name in names:
-        if getattr(regressor, name) < 1:
-            raise InvalidInputError(f"{name} must be at least 1, got {getattr(regressor, name)}.")
 
 
 def _seed(random_state: int | np.random.RandomState | None) -> int:
@@ -229,14 +226,6 @@ class LMRegressor(NetworkRegressor):
             weight_decay=self.weight_decay,
         )
 
-    def _check_parameters(self) -> None:
-        check_counts(self, "hidden", "restarts", "max_iter", "patience")
-        if not self.damping > 0 or not self.weight_decay >= 0:
-            raise InvalidInputError(
-                "damping must be positive and weight_decay not negative, "
-                f"got {self.damping} and {self.weight_decay}."
-            )
-
 
 class LBFGSRegressor(NetworkRegressor):
     """A network of tanh hidden units and one linear output, trained by L-BFGS.
@@ -273,11 +262,6 @@ class LBFGSRegressor(NetworkRegressor):
 
     def _settings(self) -> LBFGSSettings:
         return LBFGSSettings(self.max_iter, self.patience, self.weight_decay)
-
-    def _check_parameters(self) -> None:
-        check_counts(self, "hidden", "restarts", "max_iter", "patience")
-        if not self.weight_decay >= 0:
-            raise InvalidInputError(f"weight_decay must not be negative, got {self.weight_decay}.")
 
 
 class BayesianLMRegressor(NetworkRegressor):
@@ -360,13 +344,7 @@ class BayesianLMRegressor(NetworkRegressor):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, ArrayLike]) -> Self:
-        """A regressor that predicts as the one that `to_arrays` was called on.
-
-        Raises
-        ------
-        InvalidInputError
-            If an array is missing or the sizes disagree.
-        """
+        """A regressor that predicts as the one that `to_arrays` was called on."""
         regressor = super().from_arrays(arrays)
         X, weight_decay, noise = check_arrays(
             arrays, ("samples", "weight_decay", "noise"), "A Bayesian network"
@@ -383,6 +361,3 @@ class BayesianLMRegressor(NetworkRegressor):
 
     def _settings(self) -> BayesianSettings:
         return BayesianSettings()
-
-    def _check_parameters(self) -> None:
-        check_counts(self, "hidden", "restarts")

@@ -84,13 +84,7 @@ def measure_own(
 
 
 def check_own_disturbances(names: Sequence[str]) -> tuple[str, ...]:
-    """The names themselves, or all, if they are of `OWN_DISTURBANCES`.
-
-    Raises
-    ------
-    InvalidInputError
-        If one is not.
-    """
+    """The names themselves, or all, if they are of `OWN_DISTURBANCES`."""
     for name in names:
         if name not in OWN_DISTURBANCES:
             needs = " (that needs lamps whose places are known)" if name in NEED_THE_SCENE else ""

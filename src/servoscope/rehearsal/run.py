@@ -208,13 +208,7 @@ class Rehearsal:
 
 
 def check_conditions(names: Sequence[str]) -> tuple[str, ...]:
-    """The names themselves, if all are of `REHEARSED`.
-
-    Raises
-    ------
-    InvalidInputError
-        If one is not.
-    """
+    """The names themselves, if all are of `REHEARSED`."""
     for name in names:
         if name not in REHEARSED:
             needs = " (that needs another part or robot)" if name in CONDITIONS else ""
@@ -226,13 +220,7 @@ def check_conditions(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def as_keyframe_model(model: Any, where: str) -> KeyframeModel:
-    """The model itself, if it has a keyframe to render from.
-
-    Raises
-    ------
-    InvalidInputError
-        If it has none.
-    """
+    """The model itself, if it has a keyframe to render from."""
     if isinstance(model, KeyframeModel):
         return model
     raise InvalidInputError(

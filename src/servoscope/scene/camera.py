@@ -122,11 +122,6 @@ class Sensor:
         Electrons at full exposure; fewer mean more shot noise.
     read_noise : float
         Standard deviation of the noise of reading out, [electrons].
-
-    Raises
-    ------
-    InvalidInputError
-        If a number is out of its range, or not finite.
     """
 
     exposure: float = 1.06

@@ -111,11 +111,6 @@ class Disturbances:
     noise : Strength, optional
         Standard deviation of what is added to each pixel by itself, [grey].
 
-    Raises
-    ------
-    InvalidInputError
-        If a strength or a probability is out of its range.
-
     Examples
     --------
     >>> image = np.full((64, 64), 100, np.uint8)
@@ -260,11 +255,6 @@ class Disturbance:
         strength would be the same as a positive one.
     is_random : bool
         Whether every image is changed in another way, drawn anew.
-
-    Raises
-    ------
-    InvalidInputError
-        If the strengths are not of two sizes, one is 0 or not finite, or the power not 1 or 2.
     """
 
     change: Change

@@ -55,11 +55,6 @@ class TexturedPlane:
         Share of the surface, 0 to 1, on which a texture of other patches and details was painted
         over the first, in blotches of 3 cm.
 
-    Raises
-    ------
-    InvalidInputError
-        If the variant is not a whole number from 0, or the share not from 0 to 1.
-
     Examples
     --------
     >>> TexturedPlane(variant=3)

@@ -53,11 +53,6 @@ class Plan:
     conditions : sequence of str, optional
         Names of `CONDITIONS`, instead of those that are meant.
 
-    Raises
-    ------
-    InvalidInputError
-        If there is no start, or no such condition.
-
     Examples
     --------
     >>> Plan(quick=True).n_trials("cylinder_head", "noise_10", "photometric")

@@ -234,13 +234,7 @@ def summarise_residuals(
 
 
 def check_groups(groups: ArrayLike | None, n_samples: int) -> Groups | None:
-    """Groups as numbers from 0.
-
-    Raises
-    ------
-    InvalidInputError
-        If there are too few samples or groups, or not one group a sample.
-    """
+    """Groups as numbers from 0."""
     if n_samples < LEAST_SAMPLES:
         raise InvalidInputError(
             f"A forecast needs at least {LEAST_SAMPLES} samples, got {n_samples}; take more images."

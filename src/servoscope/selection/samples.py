@@ -16,13 +16,7 @@ _LARGEST = 1e60
 
 
 def as_table(X: ArrayLike, name: str = "X") -> NDArray[np.float64]:
-    """A contiguous table of numbers, one row a sample; its values may be NaN or infinite.
-
-    Raises
-    ------
-    InvalidInputError
-        If `X` is not a table of numbers with a sample and a column.
-    """
+    """A contiguous table of numbers, one row a sample; its values may be NaN or infinite."""
     values = as_numbers(X, name)
     if values.ndim != 2 or 0 in values.shape:
         raise InvalidInputError(
@@ -50,13 +44,7 @@ def check_span(low: NDArray[np.float64], high: NDArray[np.float64], name: str = 
 
 
 def as_samples(X: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Features and targets as finite tables of as many samples; one target is one column.
-
-    Raises
-    ------
-    InvalidInputError
-        If either is no table of finite numbers, or the numbers of samples differ.
-    """
+    """Features and targets as finite tables of as many samples; one target is one column."""
     features, targets = as_table(X), as_targets(y)
     check_span(features.min(axis=0), features.max(axis=0))
     check_span(targets.min(axis=0), targets.max(axis=0), "y")
