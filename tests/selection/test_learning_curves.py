@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from servoscope.errors import InvalidInputError
 from servoscope.kernels import KernelPosterior, fit_kernel
+from servoscope.selection import forecast_errors
 from servoscope.selection.learning_curves import fit_power_law, learning_curve
 
 SIZES = np.array([75, 150, 300, 450, 600])
@@ -145,3 +146,16 @@ def test_numbers_of_images_out_of_reach_are_refused(n_images):
     curve = curve_of(40)
     with pytest.raises(InvalidInputError, match="n_images must be from 10 to 4000"):
         curve.rms_at(n_images)
+
+
+def test_a_forecast_that_is_known_is_not_made_again(monkeypatch):
+    rng = np.random.default_rng(0)
+    X = 50 + 7 * rng.uniform(-1, 1, (60, 2))
+    y = 1e-3 * (X.sum(axis=1) + rng.normal(0, 0.5, 60))
+    known = forecast_errors(X, y, max_iter=10)
+    curve = learning_curve(X, y, n_draws=2, max_iter=10)
+    monkeypatch.setattr("servoscope.selection.learning_curves.forecast_errors", None)
+    again = learning_curve(X, y, n_draws=2, max_iter=10, whole=known)
+    np.testing.assert_allclose(again.rms, curve.rms, rtol=1e-9)
+    np.testing.assert_allclose(again.forecast.rms, known.rms, rtol=1e-12)
+    assert again.rms_at(120).rms == pytest.approx(curve.rms_at(120).rms)

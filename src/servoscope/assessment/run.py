@@ -31,7 +31,7 @@ from servoscope.poses import DOFS
 from servoscope.processes import ProgressBar, in_processes, no_progress, one_blas_thread
 from servoscope.regression import REGRESSORS
 from servoscope.regression.registry import make_regressor
-from servoscope.selection import LearningCurve, learning_curve
+from servoscope.selection import Forecast, LearningCurve, learning_curve
 
 Array = NDArray[np.float64]
 
@@ -170,6 +170,9 @@ def _learning_curves(decision: Decision) -> dict[str, LearningCurve]:
             decision.targets[learn, DOFS.index(dof)],
             groups,
             decision.poses[learn],
+            None
+            if decision.table.is_learned(recipe)
+            else decision.candidates[decision.choice[dof]].forecasts[dof],
         )
         for dof, recipe in decision.recipes.items()
     ]
@@ -260,9 +263,11 @@ def _regressors(
     return decision.train(jobs, "regressors")
 
 
-def _learning_curve(X: Array, y: Array, groups: Array | None, poses: Array) -> LearningCurve:
+def _learning_curve(
+    X: Array, y: Array, groups: Array | None, poses: Array, whole: Forecast | None
+) -> LearningCurve:
     with one_blas_thread():
-        return learning_curve(X, y, groups=groups, poses=poses, n_draws=2, **QUICK)
+        return learning_curve(X, y, groups=groups, poses=poses, n_draws=2, whole=whole, **QUICK)
 
 
 def crop_centre(images: NDArray[np.uint8], share: float = KEPT) -> NDArray[np.uint8]:

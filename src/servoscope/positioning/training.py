@@ -207,11 +207,16 @@ def _check_poses(data: PoseImageSet, calibration: Calibration, n_jobs: int | Non
     """
     if len(data) < LEAST_IMAGES:
         return
-    labels = independent_groups(data).labels
-    few = evenly_spread(np.flatnonzero(labels >= 0), _MOST_JUDGED)
-    if len(np.unique(labels[few])) < LEAST_GROUPS:
+    independence = independent_groups(data)
+    few = evenly_spread(np.flatnonzero(independence.labels >= 0), _MOST_JUDGED)
+    if len(np.unique(independence.labels[few])) < LEAST_GROUPS:
         return
-    shares = _forecast_shares(data.subset(few), labels[few], n_jobs)
+    groups = independence.dependent(few)
+    groups = None if groups is None else groups[few]
+    try:
+        shares = _forecast_shares(data.subset(few), groups, n_jobs)
+    except InvalidInputError:  # there are no such features, as of tiny images
+        return
     if min(shares.values()) < _NO_BETTER:
         return
     fitted, read = evenly_spread(few[::2], _FITTED), evenly_spread(few[1::2], _READ)
@@ -231,12 +236,11 @@ def _check_poses(data: PoseImageSet, calibration: Calibration, n_jobs: int | Non
 
 
 def _forecast_shares(
-    data: PoseImageSet, labels: NDArray[np.intp], n_jobs: int | None
+    data: PoseImageSet, groups: NDArray[np.intp] | None, n_jobs: int | None
 ) -> dict[str, float]:
     """By dof, the least error that features are forecast to reach, as a share of the mean's."""
     moving, every = mask_of(data.dofs), np.arange(len(data))
     targets = data.delta_p()[:, moving] / data.ranges()[moving]
-    groups = labels if len(np.unique(labels)) < len(labels) else None
     table = FeatureTable.fit(data.images, targets, _JUDGES, every, n_jobs=n_jobs)
     recipes = [Recipe(name) for name in table.fitted]
     found = find_candidates(

@@ -195,6 +195,7 @@ def learning_curve(
     groups: ArrayLike | None = None,
     poses: ArrayLike | None = None,
     n_draws: int = 8,
+    whole: Forecast | None = None,
     n_jobs: int | None = 1,
     max_samples: int = 300,
     max_iter: int = 25,
@@ -210,6 +211,8 @@ def learning_curve(
         What belongs together, such as the blocks of a sequence; 4 groups at least.
     n_draws : int
         Most subsets of each size; 2 at least.
+    whole : Forecast, optional
+        What `forecast_errors` says of all of these samples, where it is known.
     poses, n_jobs, max_samples, max_iter
         As of `forecast_errors`.
 
@@ -249,8 +252,12 @@ def learning_curve(
     effort = {"max_samples": max_samples, "max_iter": max_iter}
     targets = targets - targets[0]  # what never changes is exactly 0
     joined = group_poses(features, targets, members, poses)
-    forecast = forecast_errors(
-        features, targets, groups=members, poses=joined.members, n_jobs=n_jobs, **effort
+    forecast = (
+        forecast_errors(
+            features, targets, groups=members, poses=joined.members, n_jobs=n_jobs, **effort
+        )
+        if whole is None
+        else whole.in_units(1 / unit)
     )
     subsets = _draw_subsets(len(features), joined.groups_of_shots, max(n_draws, 2))
     calls = [
