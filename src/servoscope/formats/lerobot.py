@@ -203,7 +203,8 @@ def _names(feature: dict[str, Any]) -> list[str]:
 
 def _size(feature: dict[str, Any]) -> int:
     shape = feature.get("shape")
-    return int(np.prod(shape)) if isinstance(shape, list) and len(shape) == 1 else 0
+    is_vector = isinstance(shape, list) and len(shape) == 1 and isinstance(shape[0], int)
+    return shape[0] if is_vector and shape is not None else 0
 
 
 def _pose_places(
