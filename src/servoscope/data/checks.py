@@ -423,13 +423,8 @@ def _lags_of_sequence(view: _View) -> tuple[Array, Array]:
         step = max(usual, MOST_SECONDS / _MOST_LAGS)
         n += 1  # so that the farthest is between others
     pairs = ImagePairs(view.seconds[first], view.seconds[second], shifts)
-    lags = step * np.arange(-n, n + 1)
-    left = np.array(
-        [
-            unexplained(pairs, Trajectory(view.seconds, view.data.T_world_cam), lag, usual)
-            for lag in lags
-        ]
-    )
+    lags = np.asarray(step * np.arange(-n, n + 1), dtype=np.float64)
+    left = unexplained(pairs, Trajectory(view.seconds, view.data.T_world_cam), lags, usual)
     return lags[np.isfinite(left)], left[np.isfinite(left)]
 
 

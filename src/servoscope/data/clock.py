@@ -7,15 +7,12 @@ lag; the lag that explains most is the offset of the clocks.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
+from numpy.typing import ArrayLike, NDArray
 
-from servoscope.data.image_motion import camera_motions, explained_by_any
+from servoscope.data.image_motion import camera_motions, explained_by_any, parabola_vertex
 from servoscope.data.trajectory import Trajectory, pair_in_time
 
 Array = NDArray[np.float64]
@@ -35,6 +32,7 @@ MOST_STD = 0.05
 _NEAR = 0.75  # of the usual pause between poses, from a time to the pose nearest to it
 _BLOCKS = 10
 _MOST_LAGS = 120
+_FINE = 21  # lags within two steps of the best
 
 
 class ImagePairs(NamedTuple):
@@ -82,31 +80,48 @@ class ClockOffset(NamedTuple):
         return self.is_believable and is_better and abs(self.seconds) > 4 * self.std
 
 
-def unexplained(pairs: ImagePairs, trajectory: Trajectory, lag: float, pause: float) -> float:
-    """Share of the images' shifts that is not linear in the camera's motions a lag earlier.
+def unexplained(pairs: ImagePairs, trajectory: Trajectory, lags: ArrayLike, pause: float) -> Array:
+    """Share of the images' shifts that is not linear in the camera's motions some lags earlier.
 
     Parameters
     ----------
     pairs : ImagePairs
+        Of n.
     trajectory : Trajectory
         Of the camera, or of anything that moves with it.
-    lag : float
+    lags : array of shape (n_lags,)
         [s].
     pause : float
         Usual time between poses, [s]; pairs without a pose that near do not count.
 
     Returns
     -------
-    float
-        NaN if fewer than `LEAST_PAIRS` are left.
+    ndarray of shape (n_lags,)
+        NaN where fewer than `LEAST_PAIRS` are left.
     """
-    T, gaps = pair_in_time(trajectory, np.concatenate([pairs.first, pairs.second]) - lag)
-    n = len(pairs.first)
-    inside = (gaps[:n] <= _NEAR * pause) & (gaps[n:] <= _NEAR * pause)
-    if inside.sum() < LEAST_PAIRS:
-        return float("nan")
-    every = np.arange(n)[inside]
-    return 1 - explained_by_any(camera_motions(T, every, every + n), pairs.shifts[inside])
+    return _left(*_motions(pairs, trajectory, np.asarray(lags, dtype=float), pause), pairs.shifts)
+
+
+def _motions(
+    pairs: ImagePairs, trajectory: Trajectory, lags: Array, pause: float
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Motions between the images of each pair, (n_lags, n, 6), and which have poses near."""
+    times = np.concatenate([pairs.first, pairs.second])[None] - lags[:, None]
+    T, gaps = pair_in_time(trajectory, times.ravel())
+    near = np.asarray((gaps <= _NEAR * pause).reshape(len(lags), 2, -1).all(axis=1))
+    places = np.arange(times.size).reshape(len(lags), 2, -1)
+    motions = camera_motions(T, places[:, 0].ravel(), places[:, 1].ravel())
+    return motions.reshape(*near.shape, 6), near
+
+
+def _left(motions: Array, near: NDArray[np.bool_], shifts: Array) -> Array:
+    """Share of the shifts that is left unexplained at each lag."""
+    return np.array(
+        [
+            1 - explained_by_any(motion[own], shifts[own]) if own.sum() >= LEAST_PAIRS else np.nan
+            for motion, own in zip(motions, near, strict=True)
+        ]
+    )
 
 
 def estimate_clock_offset(pairs: ImagePairs, trajectory: Trajectory) -> ClockOffset | None:
@@ -147,33 +162,31 @@ def estimate_clock_offset(pairs: ImagePairs, trajectory: Trajectory) -> ClockOff
     n = int(np.ceil(MOST_SECONDS / step))
     lags = step * np.arange(-n, n + 1)
 
-    def left(lag: float, some: ImagePairs = pairs) -> float:
-        return unexplained(some, trajectory, lag, max(pause, step))
-
-    curve = np.array([left(lag) for lag in lags])
+    curve = unexplained(pairs, trajectory, lags, max(pause, step))
     if np.isnan(curve).all():
         return None
-    best = float(lags[np.nanargmin(curve)])
     equal = lags[curve <= np.nanmin(curve) * (1 + 1 / len(pairs.first)) + 1e-9]
+    without = float(unexplained(pairs, trajectory, [0.0], max(pause, step))[0])
     if (range_ := float(np.ptp(equal)) / 2 - step) > step:
-        lag = best = float(equal.mean())
-        return ClockOffset(lag, range_, left(0.0), left(lag))
-    lag = _refined(left, best, step)
+        return ClockOffset(float(equal.mean()), range_, without, float(np.nanmin(curve)))
+    fine = float(lags[np.nanargmin(curve)]) + step * np.linspace(-2, 2, _FINE)
+    motions, near = _motions(pairs, trajectory, fine, max(pause, step))
+    seconds, then = _lowest(fine, _left(motions, near, pairs.shifts))
     blocks = np.array_split(np.argsort(pairs.first, kind="stable"), _BLOCKS)
-    every = np.arange(len(pairs.first))
-    others = [np.setdiff1d(every, block) for block in blocks]
-    parts = [ImagePairs(*(part[kept] for part in pairs)) for kept in others]
-    found = np.array([_refined(partial(left, some=part), best, step) for part in parts])
-    std = np.sqrt((_BLOCKS - 1) / _BLOCKS * np.square(found - found.mean()).sum())
-    return ClockOffset(lag, float(std), left(0.0), left(lag))
-
-
-def _refined(left: Callable[[float], float], best: float, step: float) -> float:
-    """The lag within two steps of the best one at which least is unexplained."""
-    found = minimize_scalar(
-        lambda lag: np.nan_to_num(left(lag), nan=1.0),
-        bounds=(best - 2 * step, best + 2 * step),
-        method="bounded",
-        options={"xatol": 1e-4},
+    others = [np.setdiff1d(np.arange(len(pairs.first)), block) for block in blocks]
+    found = np.array(
+        [
+            _lowest(fine, _left(motions[:, kept], near[:, kept], pairs.shifts[kept]))[0]
+            for kept in others
+        ]
     )
-    return float(found.x)
+    std = np.sqrt((_BLOCKS - 1) / _BLOCKS * np.square(found - found.mean()).sum())
+    return ClockOffset(seconds, float(std), without, then)
+
+
+def _lowest(lags: Array, curve: Array) -> tuple[float, float]:
+    """The lag at which a curve is lowest, between its points, and how low it is there."""
+    curve = np.nan_to_num(curve, nan=1.0)
+    i = int(np.clip(curve.argmin(), 1, len(curve) - 2))
+    between = np.clip(parabola_vertex(*curve[i - 1 : i + 2]), -1, 1)
+    return float(lags[i] + (lags[1] - lags[0]) * between), float(curve.min())

@@ -161,7 +161,7 @@ def _clock_offset(
         return 0.0, found
     where = "behind" if found.seconds > 0 else "ahead of"
     text = (
-        f"{images.folder}: images are {1e3 * abs(found.seconds):.0f} +- {1e3 * found.std:.0f} ms "
+        f"{images.folder}: images are {1e3 * abs(found.seconds):.1f} +- {1e3 * found.std:.1f} ms "
         f"{where} their poses by what they show ({100 * found.unexplained:.0f} % of their shifts "
         f"are unexplained as stamped, {100 * found.unexplained_then:.0f} % then)"
     )
