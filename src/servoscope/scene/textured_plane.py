@@ -123,7 +123,7 @@ def _picture(rng: np.random.Generator) -> Floats:
 def _patches(rng: np.random.Generator) -> Floats:
     """Patches with winding outlines, each in a grey of its own; of mean 0 and variance 1."""
     sides = [_normed(_lumps(size, rng)) > 0 for size in _PATCH_SIZES]
-    label = np.add.reduce([side << k for k, side in enumerate(sides)])
+    label = sum(side.astype(np.uint8) << k for k, side in enumerate(sides))
     grey = rng.permutation(1 << len(sides)).astype(np.float32)[label]
     return _normed(irfft2(rfft2(grey) * _smoothing(_EDGE)))
 
