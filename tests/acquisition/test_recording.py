@@ -193,6 +193,36 @@ def test_a_frozen_camera_and_one_that_never_rests_are_refused(tmp_path) -> None:
             acquire_from(robot, robot, tmp_path / reason[:6], n_images=20, **SMALL)
 
 
+def test_images_that_a_camera_keeps_back_are_not_taken_for_new_ones(tmp_path) -> None:
+    class Late(Driver):
+        def __init__(self):
+            super().__init__()
+            self.kept = []
+
+        def move_to(self, pose):
+            self.kept = [super(Late, self).read() for _ in range(3)]  # of before the move
+            super().move_to(pose)
+
+        def read(self):
+            return self.kept.pop(0) if self.kept else super().read()
+
+    robot, late = Late(), {**SMALL, "settle_s": 2.0, "max_step_mm": 500.0, "max_step_deg": 90.0}
+    data = acquire_from(robot, robot, tmp_path / "part", n_images=12, **late)
+    for image, delta_p in zip(data.images, data.delta_p(), strict=True):
+        assert np.sqrt(np.mean((image - Cell(delta_p).read().astype(float)) ** 2)) < 2.0
+
+
+def test_a_reference_that_shows_nothing_is_refused(tmp_path) -> None:
+    class Dark(Driver):
+        def read(self):
+            return np.zeros((48, 48), np.uint8)
+
+    robot = Dark()
+    with pytest.raises(InvalidInputError, match="must show something"):
+        acquire_from(robot, robot, tmp_path / "part", **SMALL)
+    assert robot.n_sent == 0
+
+
 def test_a_view_that_swings_is_waited_for(tmp_path) -> None:
     class Swinging(Driver):
         swing = 0.0

@@ -26,7 +26,13 @@ from servoscope.errors import (
     RobotFaultError,
     ServoscopeError,
 )
-from servoscope.poses import DOFS, as_rigid, inverse_transform, pose_error
+from servoscope.poses import (
+    DOFS,
+    as_rigid,
+    displacements_from_poses,
+    inverse_transform,
+    pose_error,
+)
 from servoscope.positioning import arrival, guard
 from servoscope.positioning.devices import (
     Interruption,
@@ -47,6 +53,7 @@ _BLURRED = 0.4
 _RELIT = 0.1
 _MOVED, _ALIKE = 2e-3, 0.7
 _N_TRIES = 3
+_NOTICEABLE = 0.02
 _FEW, _MOST_REFUSED = 3, 0.2
 
 
@@ -295,7 +302,7 @@ class _Recording:
         self._on_progress = on_progress or (lambda _: None)
         self._say = on_message or (lambda _: None)
         self._checks: list[dict[str, Any]] = []
-        self._last: Image | None = None
+        self._last: tuple[Image, Array] | None = None
         self._begun: _Begun | None = None
 
     def run(self, confirm: Callable[[Plan], bool] | None) -> None:
@@ -321,7 +328,9 @@ class _Recording:
     def _prepare(self, confirm: Callable[[Plan], bool] | None) -> _Begun:
         """What was begun before, or else the reference as it is seen now."""
         config = self._config
-        shape = _first_image(self._device).shape[:2]
+        first = _first_image(self._device)
+        ReferenceView(first)  # something is seen
+        shape = first.shape[:2]
         self._camera = WatchedCamera(self._device, shape, config.loop_settings())
         progress, at = dataset_folder.read_progress(self._folder), self._robot.pose
         if not config.workspace.holds(at):
@@ -332,9 +341,17 @@ class _Recording:
         begun = self._begin(at) if progress is None else _read_begun(self._folder, progress)
         self._reference = ReferenceView(begun.reference_image)
         self._plan = config.plan(begun.T_world_ref)
+        distance, angle = pose_error(begun.T_world_ref, at)
+        if progress is not None:
+            self._say(
+                f"{len(begun.taken)} of {config.total} images are there; the robot stands "
+                f"{1e3 * distance:.0f} mm and {np.degrees(angle):.0f} deg from the reference, and "
+                "goes there first."
+            )
         if confirm is not None and not confirm(self._plan):
             raise Aborted("Nothing was moved: the plan was not confirmed.")
         self._begun = begun
+        self._last = first, at
         if progress is None:
             dataset_folder.create(self._folder, config.total, shape, config.source())
             dataset_folder.keep_reference(self._folder, begun.reference_image)
@@ -395,20 +412,41 @@ class _Recording:
                 raise RunEnded(end.status, left_out) from end
             self._say(left_out)
             return
-        image = self._settled()
-        if self._last is not None and np.array_equal(image, self._last):
-            raise RunEnded(
-                "camera_fault",
-                "The image is frozen: not a bit of it changed while the robot moved; start the "
-                "camera again.",
-            )
-        self._last = image
+        image, pose = self._look()
         if _sharpness(image) < _BLURRED * _sharpness(begun.reference_image):
             self._say(f"Image {i} is blurred: the focus may not reach there.")
-        dataset_folder.keep_image(self._folder, len(begun.taken), image, self._robot.pose, i)
+        dataset_folder.keep_image(self._folder, len(begun.taken), image, pose, i)
         begun.taken.append(i)
         self._note(begun)
         self._on_progress(len(begun.taken))
+
+    def _look(self) -> tuple[Image, Array]:
+        """An image that was taken after the last move, and where.
+
+        A camera that keeps images back first shows the view of before, if the way there was one
+        step; one that is frozen, and a robot that does not go where it says, show nothing else.
+        """
+        image, pose = self._settled(), self._robot.pose
+        end = time.monotonic() + self._config.settle_s
+        while self._last is not None and self._is_as_before(image, pose, *self._last):
+            if time.monotonic() > end:
+                raise RunEnded(
+                    "camera_fault",
+                    f"The image is frozen: the view has not changed in {self._config.settle_s:g} s "
+                    "though the robot says that it moved; start the camera again, and see that the "
+                    "robot really moves.",
+                )
+            image = self._settled()
+        self._last = image, pose
+        return image, pose
+
+    def _is_as_before(self, image: Image, T: Array, before: Image, T_before: Array) -> bool:
+        """Whether a view has not changed that should have: not by tilts about the part alone."""
+        pivot = self._plan.pivot
+        moved = np.abs(displacements_from_poses(T_before, T[None], pivot)[0])
+        if np.linalg.norm(moved[:3]) / max(pivot, 1e-3) + moved[5] < _NOTICEABLE:
+            return False
+        return np.array_equal(before, image) or not _has_changed(before, image)
 
     def _may_go_on(self, begun: _Begun, end: RunEnded, at: Array) -> bool:
         """Whether the robot said that it cannot go there, did not move, and does so seldom."""
@@ -458,7 +496,7 @@ class _Recording:
 
         What was taken since it was last found to be as it was is taken again.
         """
-        image, n_done = self._settled(), len(begun.taken)
+        (image, _), n_done = self._look(), len(begun.taken)
         gain = float(image.mean() / max(float(begun.reference_image.mean()), 1e-9))
         seen = self._reference.compare(image)
         before = self._checks[-1]["n_images"] if self._checks else 0
@@ -597,7 +635,7 @@ def _has_changed(before: Image, image: Image) -> bool:
         compared = ReferenceView(before).compare(image)
     except InvalidInputError:  # nothing is seen before
         return True
-    return arrival.is_displaced(compared)
+    return arrival.is_displaced(compared) or compared.matched < _ALIKE
 
 
 def _sharpness(image: Image) -> float:
