@@ -94,6 +94,8 @@ def test_columns_are_named_among_others(log):
     columns = {"columns": "px0,px1,px2,r0,r1,r2", "time_column": "1"}
     with pytest.raises(DataSetError, match=r"images.csv: the header .* lacks name"):
         read(log, **columns)
+    log.write_images()
+    assert_camera_at(read(log, **columns), TIMES)
     log.write_images(header="time,name", swap=True)
     assert_camera_at(read(log, **columns), TIMES)
 

@@ -235,8 +235,14 @@ def _times_of_header(
     cells: list[str], delimiter: str, path: Path, options: TableOptions, is_comment: bool
 ) -> _Layout | None:
     header = [_plain(cell)[0] for cell in cells]
-    name = _name_place(header, options, "name", path)
-    time = _time_place(header, options, path)
+    name, time = (
+        next((header.index(known) for known in usual if known in header), None)
+        for usual in (_NAMES, _TIMES)
+    )
+    if name is None:
+        name = _name_place(header, options, "name", path)
+    if time is None:  # the option may be meant for the poses alone
+        time = _time_place(header, options, path)
     if (name is None or time is None) and not is_comment:
         raise DataSetError(
             f"{path}: the header must hold name,time, but {brief(','.join(cells))} lacks "
