@@ -29,7 +29,7 @@ ROOMS = (
     ("keyframe",),
     ("pipeline",),
     ("positioning",),
-    ("export",),
+    ("export", "service"),
     ("acquisition",),
     ("sensitivity",),
     ("scoreboard",),

@@ -126,6 +126,7 @@ def _app() -> SubcommandApp:
     from servoscope.commands.position import position
     from servoscope.commands.rehearse import rehearse
     from servoscope.commands.sensitivity import sensitivity
+    from servoscope.commands.serve import serve
     from servoscope.commands.study import report, study
     from servoscope.commands.train import train
 
@@ -140,6 +141,7 @@ def _app() -> SubcommandApp:
     app.command(_later(rehearse))
     app.command(_later(position))
     app.command(_later(export))
+    app.command(_later(serve))
     benchmarks.command(name="positioning")(_later(benchmark_positioning))
     app.command(benchmarks, name="benchmark", help="Compare servoscope with what else there is.")
     app.command(_later(sensitivity))

@@ -9,7 +9,7 @@ import pytest
 from servoscope.cli import main
 from servoscope.dofs import mask_of
 from servoscope.errors import FolderExistsError, InvalidInputError, ModelError
-from servoscope.export.agreement import Agreement, OnnxEstimator, is_recognised
+from servoscope.export.agreement import Agreement, OnnxEstimator
 from servoscope.export.onnx_model import OUTPUTS, export_onnx, to_onnx
 from servoscope.positioning import PositioningModel
 from small_keyframe import shown, small_model, texture
@@ -36,7 +36,7 @@ def assert_equal(model, estimator, images):
         np.testing.assert_allclose(theirs["displacement"], ours.displacement, atol=2e-7)
         np.testing.assert_allclose(theirs["deviation"], ours.std, rtol=0.02, atol=1e-8)
         assert abs(float(theirs["similarity"]) - ours.similarity) < 1e-4
-        assert bool(theirs["is_recognised"]) == is_recognised(ours)
+        assert bool(theirs["is_recognised"]) == ours.is_recognised
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def test_both_read_the_same(model, estimator):
 def test_what_is_not_the_part_is_not_recognised(model, estimator):
     other = texture((96, 128), 77).astype(np.uint8)
     assert not estimator(other)["is_recognised"]
-    assert not is_recognised(model.estimate(other))
+    assert not model.estimate(other).is_recognised
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from servoscope.poses import (
     displacements_from_poses,
     poses_from_displacements,
 )
-from servoscope.positioning.interfaces import Estimate, Image
+from servoscope.positioning.interfaces import Image
 from servoscope.positioning.keyframe_model import KeyframeModel
 from servoscope.positioning.settings import NEAR_ENOUGH
 
@@ -28,11 +28,6 @@ EQUAL = 1e-3
 """Differences up to this share of the tolerance count as none."""
 
 _DRAWN = 0.8
-
-
-def is_recognised(estimate: Estimate) -> bool:
-    """Whether an image shows the part, not too far away."""
-    return estimate.similarity >= estimate.least_similarity and estimate.novelty <= 1
 
 
 class OnnxEstimator:
@@ -134,7 +129,7 @@ class Agreement:
         shown = _shown(model, n_rendered) if n_rendered else iter(())
         for image in (*shown, *(() if images is None else images)):
             ours, theirs = model.estimate(image), exported(image)
-            if not (theirs["is_recognised"] or is_recognised(ours)):
+            if not (theirs["is_recognised"] or ours.is_recognised):
                 continue  # what neither takes for the part is read of nothing
             found = (ours.displacement, theirs["displacement"].astype(float))
             six = displacements_from_poses(np.eye(4), np.stack(found), model.pivot)

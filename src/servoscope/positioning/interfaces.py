@@ -86,6 +86,11 @@ class Estimate:
     least_similarity: float = 0.75
 
     @property
+    def is_recognised(self) -> bool:
+        """Whether the image shows the part, not too far away, as far as either is known."""
+        return not (self.similarity < self.least_similarity or self.novelty > 1)
+
+    @property
     def distance(self) -> float:
         """How far from the reference it believes the frame to be, [m]."""
         return float(np.linalg.norm(self.displacement[:3, 3]))
