@@ -1,6 +1,6 @@
 """How often the 90 % interval of a forecast holds what is then measured on test images.
 
-``python -m benchmarks intervals``; with ``--quick`` two sets of each kind, split once: 72 dofs.
+``python -m benchmarks intervals``; with ``--quick`` three sets of each kind: 108 dofs.
 The data sets are simulated ones of both parts, and views of the
 real sequences about several references and within several limits, where these lie beside the
 project (see `real_images`); each is split as `servoscope assess` splits it. The form of the
@@ -13,7 +13,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import islice, product
+from itertools import product
 from pathlib import Path
 
 import cv2
@@ -38,11 +38,13 @@ from servoscope.selection.rms_interval import effective_groups
 
 FAMILIES = ("moments", "intensity", "least_squares")
 WIDTH = 96
-N_FRESH = 200
+N_FRESH, N_QUICK = 200, 3
 MOST_FRAMES = 260
 LEAST_FRAMES = 90
 PARTS = ("cylinder_head", "textured_plane")
 Limits = tuple[tuple[int, int], ...]
+DataSet = tuple[str, PoseImageSet, PoseImageSet | None]
+"""A title, the images, and others that no split knows."""
 
 
 @dataclass(frozen=True)
@@ -130,8 +132,8 @@ def tables(quick: bool) -> Iterator[Findings]:
     for plan in (CHOSEN_ON, OTHERS):
         every, n_sets = list[Outcome](), 0
         for kind in ("simulated", *at_hand):
-            sets = _simulated(plan) if kind == "simulated" else _views(kind, plan)
-            taken = list(islice(sets, 2 if quick else None))
+            most = N_QUICK if quick else sys.maxsize
+            taken = _simulated(plan, most) if kind == "simulated" else _views(kind, plan, most)
             calls = [(data, plan.seed, fresh) for _, data, fresh in taken]
             found = list[Outcome]()
             for (title, *_), outcomes in zip(taken, in_processes(measure, calls), strict=True):
@@ -185,19 +187,22 @@ def _rms_on(fresh: PoseImageSet, decision: Decision, dof: str) -> float:
     return float(np.sqrt(np.mean((fitted.regressor.predict(X[:, fitted.columns]) - truth) ** 2)))
 
 
-def _simulated(plan: Plan) -> Iterator[tuple[str, PoseImageSet, PoseImageSet | None]]:
-    for part in PARTS:
-        for seed, n_images, size in plan.simulated:
-            n = n_images + N_FRESH
-            config = AcquisitionConfig(n_images=n, image_size=size, part=part, seed=seed)
-            with tempfile.TemporaryDirectory() as folder:
-                data = acquire(Path(folder) / "data", config, n_jobs=1)
-            yield f"{part}, seed {seed}, {n_images} images", data[:n_images], data[n_images:]
+def _simulated(plan: Plan, most: int) -> list[DataSet]:
+    kinds, sets = list(product(PARTS, plan.simulated)), list[DataSet]()
+    for k in evenly(np.arange(len(kinds)), most):
+        part, (seed, n_images, size) = kinds[k]
+        n = n_images + N_FRESH
+        config = AcquisitionConfig(n_images=n, image_size=size, part=part, seed=seed)
+        with tempfile.TemporaryDirectory() as folder:
+            data = acquire(Path(folder) / "data", config)
+        title = f"{part}, seed {seed}, {n_images} images"
+        sets.append((title, data[:n_images], data[n_images:]))
+    return sets
 
 
-def _views(name: str, plan: Plan) -> Iterator[tuple[str, PoseImageSet, PoseImageSet | None]]:
+def _views(name: str, plan: Plan, most: int) -> list[DataSet]:
     """The frames of a sequence about each reference and within each limit, if there are enough."""
-    images, poses, times = _read(name)
+    (images, poses, times), sets = _read(name), list[DataSet]()
     for reference, (mm, deg) in product(plan.references[name], plan.limits[name]):
         D = inverse_transform(poses[reference]) @ poses
         distance = 1e3 * np.linalg.norm(D[:, :3, 3], axis=1)
@@ -208,7 +213,8 @@ def _views(name: str, plan: Plan) -> Iterator[tuple[str, PoseImageSet, PoseImage
         if len(kept) >= LEAST_FRAMES:
             about = poses[reference], images[reference]
             data = PoseImageSet(images[kept], poses[kept], *about, times=times[kept])
-            yield f"about image {reference} within {mm} mm and {deg} deg", data, None
+            sets.append((f"about image {reference} within {mm} mm and {deg} deg", data, None))
+    return [sets[k] for k in evenly(np.arange(len(sets)), most)]
 
 
 def _read(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -44,7 +44,7 @@ TEST_ERROR = 1.5
 samples, and for the training set, times the square root of the number of samples; as it was found
 on simulated images (``python -m benchmarks intervals``)."""
 
-POOLED_ERROR = 1.2
+POOLED_ERROR = 1.3
 """The same where the samples themselves are tested as well, each by a model that was trained
 without its group, times the root of the number of groups: a group may be predicted better or worse
 from other groups than it was."""
@@ -104,7 +104,7 @@ class Forecast:
         ndarray of shape (2, n_targets)
             Lower and upper end; see `servoscope.selection.rms_interval.rms_ratio_interval`. The
             training set and the kernel being these and no others count as an error of
-            ``1.5 / sqrt(n_samples)``, joined with one of ``1.2 / sqrt(n_groups)`` where the samples
+            ``1.5 / sqrt(n_samples)``, joined with one of ``1.3 / sqrt(n_groups)`` where the samples
             themselves are tested as well.
         """
         pooled = POOLED_ERROR * effective_groups(groups) ** -0.5 if share_new < 1 else 0.0
