@@ -112,7 +112,8 @@ def test_bad_options_are_told_in_a_line(cell, capsys, options, said) -> None:
 def test_a_robot_that_is_none_is_refused_whatever_the_model(capsys, tmp_path, robot) -> None:
     code, _, err = run(capsys, "position", tmp_path, "--robot", robot)
     assert code == 1
-    assert f"--robot must be free, arm or recorded:FOLDER, got {robot!r}" in err
+    assert "--robot must be free, arm, ur:HOST, " in err
+    assert f"recorded:FOLDER or module:Class of your own, got {robot!r}" in err
     assert len(err.splitlines()) == 1
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,11 +13,8 @@ from servoscope.commands.options import Json, Model
 from servoscope.errors import InvalidInputError, ServoscopeError, ServoscopeWarning
 
 if TYPE_CHECKING:
-    from servoscope.positioning import (
-        LoopSettings,
-        PositioningModel,
-        PositioningResult,
-    )
+    from servoscope.positioning import Positioner, PositioningModel, PositioningResult
+    from servoscope.positioning.result import Step
     from servoscope.robots.recorded import RecordedRobot
     from servoscope.robots.registry import SimulatedRobot
 
@@ -29,9 +26,18 @@ Replay = Annotated[
 Robot = Annotated[
     str | None,
     arg(
-        metavar="{free,arm,recorded:FOLDER}",
-        help="The simulated robot that took the images of training, which is the default; or one "
-        "that goes to the nearest pose of a data set folder and shows the image taken there.",
+        metavar="SPEC",
+        help="The simulated robot that took the images of training (free, arm), which is the "
+        "default; recorded:FOLDER, which goes to the nearest pose of a data set folder and shows "
+        "the image taken there; your own, such as ur:192.0.2.7 or module:Class.",
+    ),
+]
+CameraSpec = Annotated[
+    str | None,
+    arg(
+        metavar="SPEC",
+        help="What takes the images, of a robot of your own: opencv:0, folder:PATH, module:Class "
+        "and others; by default the robot itself.",
     ),
 ]
 Start = Annotated[
@@ -65,6 +71,7 @@ _RECORDED = "recorded:"
 def position(
     model: Model,
     robot: Robot = None,
+    camera: CameraSpec = None,
     start: Start = None,
     condition: ConditionName = "range_1.0",
     seed: int = 0,
@@ -74,25 +81,35 @@ def position(
     tolerance: Tolerance = "",
     repeatability_mm: float = 0.0,
     repeatability_deg: float = 0.0,
+    max_step_mm: float | None = None,
+    max_step_deg: float | None = None,
+    workspace_margin: float = 1.6,
+    execution_mm: float = 0.5,
+    execution_deg: float = 0.1,
+    least_similarity: float | None = None,
     final_images: int = 8,
     read_timeout_s: float = 5.0,
     first_read_timeout_s: float = 30.0,
     move_timeout_s: float = 60.0,
     dry_run: bool = False,
+    yes: bool = False,
     log: Log = None,
     replay: Replay = None,
     json: Json = False,
 ) -> None:
-    """Bring the camera of a simulated robot back to the reference that a model was trained on.
+    """Bring the camera of a robot back to the reference that a model was trained on.
 
-    The start is drawn within +-25 mm and +-15 deg about the pivot, or as the condition says, in
-    the degrees of freedom that the model commands; the robot is moved in no others. With
+    A simulated robot starts within +-25 mm and +-15 deg about the pivot, or as the condition says,
+    in the degrees of freedom that the model commands; the robot is moved in no others. With
     recorded:FOLDER the loop runs on your own images instead: the robot goes to the nearest of the
-    recorded poses. For a robot of your own see docs/positioning.md: it takes 20 lines of Python.
+    recorded poses. A robot of your own starts where it stands, moves after one question, and is
+    stopped at the end and by Ctrl-C; see docs/robots.md.
 
     Example: servoscope position model --robot arm --condition gain_0.8 --seed 3
 
     Example: servoscope position model --robot recorded:desk --seed 3
+
+    Example: servoscope position model --robot ur:192.0.2.7 --camera opencv:0 --max-step-mm 20
 
     Args:
         seed: Seed of the start and of the noise.
@@ -102,15 +119,26 @@ def position(
         tolerance_deg: Angle to get under.
         repeatability_mm: How far from where it is sent the robot comes to rest, if that is known.
         repeatability_deg: The same for its rotation.
+        max_step_mm: Longer steps are cut to this; by default the farthest that the model was made
+            for.
+        max_step_deg: The same for their rotation.
+        workspace_margin: The poses stay in a box around the start, so many times the range that
+            the model was made for.
+        execution_mm: A move may end so far from where it was sent, or a fifth of it if that is
+            more.
+        execution_deg: The same for its rotation.
+        least_similarity: Least likeness of an image with what is expected, from 0 to 1; by default
+            what the model states.
         final_images: Images that are averaged where the camera seems to have arrived.
         read_timeout_s: How long an image or a pose may take.
         first_read_timeout_s: How long the first image may take.
         move_timeout_s: How long a move may take.
         dry_run: Look once and say the move, without making it.
+        yes: Let a robot of your own move without a question.
     """
     from servoscope.commands.output import print_json
     from servoscope.dofs import parse_tolerances
-    from servoscope.positioning import LoopSettings, PositioningModel
+    from servoscope.positioning import LoopSettings, Positioner, PositioningModel
     from servoscope.positioning.interfaces import dofs_of
     from servoscope.scene.scene import T_WORLD_REF
     from servoscope.scoreboard.cell import CONDITIONS
@@ -119,7 +147,13 @@ def position(
         raise InvalidInputError(
             f"--condition must be one of {', '.join(CONDITIONS)}, got {condition!r}."
         )
-    _check_robot(robot)
+    is_own = _is_own(robot)
+    if not is_own and camera is not None:
+        raise InvalidInputError("--camera is of robots of your own; leave it out.")
+    if is_own and (start is not None or condition != "range_1.0"):
+        raise InvalidInputError(
+            "A robot of your own starts where it stands; leave --start and --condition out."
+        )
     trained = PositioningModel.load(model)
     if replay is not None:
         facts = _replayed(trained, replay)
@@ -132,11 +166,23 @@ def position(
         tolerances=parse_tolerances(tolerance, dofs_of(trained)),
         repeatability_mm=repeatability_mm,
         repeatability_deg=repeatability_deg,
+        max_step_mm=max_step_mm,
+        max_step_deg=max_step_deg,
+        workspace_margin=workspace_margin,
+        execution_mm=execution_mm,
+        execution_deg=execution_deg,
+        least_similarity=least_similarity,
         final_images=final_images,
         read_timeout_s=read_timeout_s,
         first_read_timeout_s=first_read_timeout_s,
         move_timeout_s=move_timeout_s,
     )
+    if robot is not None and is_own:
+        result = _run_own(Positioner(trained, settings), robot, camera, dry_run, yes, log)
+        facts = result.to_dict()
+        print_json(facts) if json else _print_run(result)
+        _end(result)
+        return
     cell: RecordedRobot | SimulatedRobot
     if robot is not None and robot.startswith(_RECORDED):
         if condition != "range_1.0":
@@ -148,25 +194,35 @@ def position(
         cell, settings = recorded, settings.for_poses_apart(*recorded.spacing())
     else:
         cell, T_ref = _simulated_cell(trained, robot, condition, seed, start), T_WORLD_REF
-    result, distances = _run(trained, cell, T_ref, settings, dry_run, log)
+    result, distances = _run_known(Positioner(trained, settings), cell, T_ref, dry_run, log)
     if json:
         print_json({**result.to_dict(), "true_error": distances[-1]})
     else:
         _print_run(result, distances)
+    _end(result)
+
+
+def _end(result: PositioningResult) -> None:
+    """End the command as the run ended."""
     if result.status == "interrupted":
         raise KeyboardInterrupt
     if result.status not in ("converged", "dry_run"):
         raise ServoscopeError(f"{result.status}: {result.message}")
 
 
-def _check_robot(robot: str | None) -> None:
+def _is_own(robot: str | None) -> bool:
+    """Whether a robot is the user's own, neither simulated nor recorded."""
+    from servoscope.robots.devices import ROBOT_KINDS, forms
     from servoscope.robots.registry import ROBOTS
 
-    if robot is None or robot in ROBOTS or robot.removeprefix(_RECORDED) not in ("", robot):
-        return
-    raise InvalidInputError(
-        f"--robot must be {', '.join(ROBOTS)} or {_RECORDED}FOLDER, got {robot!r}."
-    )
+    if robot is None or robot in ROBOTS:
+        return False
+    kind, _, rest = robot.partition(":")
+    if not (kind and rest):
+        raise InvalidInputError(
+            f"--robot must be {', '.join(ROBOTS)}, {forms(ROBOT_KINDS)}, got {robot!r}."
+        )
+    return f"{kind}:" != _RECORDED
 
 
 def _recorded(
@@ -242,11 +298,10 @@ def _simulated_cell(
     )
 
 
-def _run(
-    model: PositioningModel,
+def _run_known(
+    positioner: Positioner,
     cell: SimulatedRobot | RecordedRobot,
     T_ref: Any,
-    settings: LoopSettings,
     dry_run: bool,
     log: Path | None,
 ) -> tuple[PositioningResult, list[dict[str, float]]]:
@@ -254,47 +309,131 @@ def _run(
     import numpy as np
 
     from servoscope.poses import pose_error
-    from servoscope.positioning.look_and_move import Positioner
-    from servoscope.positioning.run_log import RunLog
 
-    positioner = Positioner(model, settings)
-    run_log = None if log is None else RunLog(log, positioner)
     distances: list[dict[str, float]] = []
 
     def note(step: Any = None, image: Any = None) -> None:
         distance, angle = pose_error(T_ref, cell.true_pose)
         distances.append({"mm": 1e3 * float(distance), "deg": float(np.degrees(angle))})
-        if run_log is not None and step is not None:
-            run_log.write(step, image)
 
-    result = positioner.run(cell, cell, dry_run=dry_run, on_step=note)
+    result = _logged_run(positioner, cell, cell, dry_run, log, note)
     note()
+    return result, distances
+
+
+def _run_own(
+    positioner: Positioner,
+    robot: str,
+    camera: str | None,
+    dry_run: bool,
+    yes: bool,
+    log: Path | None,
+) -> PositioningResult:
+    """The run of a robot of the user's own, after one question.
+
+    Raises
+    ------
+    ServoscopeError
+        If the robot or the camera cannot be opened, or the user does not agree.
+    """
+    from servoscope.commands.confirmation import check_can_ask, confirm
+    from servoscope.robots.devices import closing, open_both
+
+    if not dry_run:
+        check_can_ask(yes)
+    refusal: list[ServoscopeError] = []
+    is_confirmed = dry_run
+
+    def ask(step: Step, image: Any) -> None:
+        nonlocal is_confirmed
+        if is_confirmed or step.commanded is None:
+            return
+        try:
+            confirm(_first_move(step.commanded, positioner), yes)
+        except ServoscopeError as error:
+            refusal.append(error)
+            raise
+        is_confirmed = True
+
+    opened, eye = open_both(robot, camera)
+    with closing(opened, eye):
+        result = _logged_run(positioner, opened, eye, dry_run, log, ask)
+    if refusal:
+        raise refusal[0]
+    return result
+
+
+def _first_move(commanded: Any, positioner: Positioner) -> str:
+    """What the first move is, and the most that may follow."""
+    import numpy as np
+
+    from servoscope.poses import DISPLAY_FACTORS, displacements_from_poses
+
+    x, y, z, rx, ry, rz = (
+        DISPLAY_FACTORS * displacements_from_poses(np.eye(4), commanded[None], 0.0)[0]
+    )
+    estimator, settings = positioner.estimator, positioner.settings
+    length, angle = settings.step_limits(estimator.reach, estimator.pivot)
+    box = DISPLAY_FACTORS * settings.workspace(estimator.reach, estimator.pivot)
+    sides = ", ".join("any" if np.isinf(side) else f"{side:.0f}" for side in box)
+    return (
+        f"The first move is {x:+.1f}, {y:+.1f}, {z:+.1f} mm along and {rx:+.1f}, {ry:+.1f}, "
+        f"{rz:+.1f} deg about the axes of the frame that the robot reports. There are at most "
+        f"{settings.max_moves} moves, none longer than {1e3 * length:.0f} mm or "
+        f"{np.degrees(angle):.0f} deg, all within {sides} (mm, deg) of where it stands."
+    )
+
+
+def _logged_run(
+    positioner: Positioner,
+    robot: Any,
+    camera: Any,
+    dry_run: bool,
+    log: Path | None,
+    on_step: Callable[[Step, Any], None],
+) -> PositioningResult:
+    from servoscope.positioning.run_log import RunLog
+
+    run_log = None if log is None else RunLog(log, positioner)
+
+    def note(step: Step, image: Any) -> None:
+        if run_log is not None:
+            run_log.write(step, image)
+        on_step(step, image)
+
+    result = positioner.run(robot, camera, dry_run=dry_run, on_step=note)
     if run_log is not None:
         try:
             run_log.finish(result)
         except OSError as error:
             reason = f"The end of the run is not in its log, which cannot be written: {error}."
             warnings.warn(reason, ServoscopeWarning, stacklevel=2)
-    return result, distances
+    return result
 
 
-def _print_run(result: PositioningResult, distances: Sequence[dict[str, float]]) -> None:
+def _print_run(
+    result: PositioningResult, distances: Sequence[dict[str, float]] | None = None
+) -> None:
+    """Print the looks, and what is believed of the end; and what is true, where that is known."""
     import numpy as np
     from rich.table import Table
 
     from servoscope.commands.output import console
     from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS, pose_error
 
+    n_looks = len(result.steps)
+    truths = [None] * n_looks if distances is None else list(map(_far, distances))[:n_looks]
     table = Table(box=None, pad_edge=False)
     for column in ("look", "answered by", "believed", "true", "novelty", "matched", "ms"):
-        table.add_column(column, justify="left" if column == "answered by" else "right")
-    for number, (step, truth) in enumerate(zip(result.steps, distances, strict=False)):
+        if column != "true" or distances is not None:
+            table.add_column(column, justify="left" if column == "answered by" else "right")
+    for number, (step, truth) in enumerate(zip(result.steps, truths, strict=False)):
         distance, angle = pose_error(np.eye(4), step.estimate.displacement)
         table.add_row(
             str(number + 1),
             step.estimate.stage,
             f"{1e3 * distance:.3f} mm {np.degrees(angle):.3f} deg",
-            f"{truth['mm']:.3f} mm {truth['deg']:.3f} deg",
+            *([] if truth is None else [truth]),
             f"{step.estimate.novelty:.2f}",
             "-" if step.comparison is None else f"{step.comparison.matched:.0%}",
             f"{1e3 * step.seconds:.1f}",
@@ -304,8 +443,13 @@ def _print_run(result: PositioningResult, distances: Sequence[dict[str, float]])
     left = zip(DOFS, DISPLAY_FACTORS * result.predicted_error, DISPLAY_UNITS, strict=True)
     said = [f"{dof} {e:.3f} {unit}" for dof, e, unit in left if dof in result.dofs]
     out.print("predicted error:", ", ".join(said))
-    out.print(f"true error: {distances[-1]['mm']:.3f} mm, {distances[-1]['deg']:.3f} deg")
+    if distances is not None:
+        out.print(f"true error: {distances[-1]['mm']:.3f} mm, {distances[-1]['deg']:.3f} deg")
     out.print(f"{result.status}: {result.message}")
+
+
+def _far(distance: dict[str, float]) -> str:
+    return f"{distance['mm']:.3f} mm {distance['deg']:.3f} deg"
 
 
 def _replayed(model: PositioningModel, folder: Path) -> dict[str, Any]:

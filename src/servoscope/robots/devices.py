@@ -9,12 +9,19 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
-from servoscope.errors import InvalidInputError, PluginError, ServoscopeError
+from servoscope.errors import (
+    InvalidInputError,
+    PluginError,
+    ServoscopeError,
+    ServoscopeWarning,
+)
 from servoscope.plugins import Registry
 from servoscope.wording import one_line
 
@@ -180,22 +187,50 @@ def open_both(robot: str, camera: str | None) -> tuple[Any, Any]:
         As `open_robot` and `open_camera` do.
     """
     opened = open_robot(robot)
-    if camera is not None and camera != robot:
-        return opened, open_camera(camera)
-    if camera is None and not _has(opened, "read"):
-        raise InvalidInputError(
-            f"The robot {robot!r} gives no images; say which camera it carries, such as "
-            "--camera opencv:0."
-        )
-    return opened, _checked_camera(opened, robot)
+    try:
+        if camera is not None and camera != robot:
+            return opened, open_camera(camera)
+        if camera is None and not _has(opened, "read"):
+            raise InvalidInputError(
+                f"The robot {robot!r} gives no images; say which camera it carries, such as "
+                "--camera opencv:0."
+            )
+        return opened, _checked_camera(opened, robot)
+    except BaseException:
+        with closing(opened):
+            raise
+
+
+def forms(kinds: Registry[Kind]) -> str:
+    """How devices of these kinds are written, for messages."""
+    return f"{', '.join(kinds[name].form for name in kinds)} or module:Class of your own"
+
+
+@contextmanager
+def closing(*devices: Any) -> Iterator[None]:
+    """Close devices at the end, each once, if they offer ``close()``.
+
+    Warns
+    -----
+    ServoscopeWarning
+        If one fails to.
+    """
+    try:
+        yield
+    finally:
+        for device in {id(device): device for device in devices}.values():
+            try:
+                getattr(device, "close", lambda: None)()
+            except Exception as error:
+                reason = f"A {type(device).__name__} could not be closed: {_said(error)}."
+                warnings.warn(reason, ServoscopeWarning, stacklevel=3)
 
 
 def _opened(what: str, kinds: Registry[Kind], spec: str) -> Any:
     kind, _, rest = spec.partition(":")
     if rest and kind in kinds:
         return kinds[kind].open(rest)
-    forms = ", ".join(kinds[name].form for name in kinds)
-    wanted = f"The {what} must be {forms} or module:Class of your own, got {spec!r}"
+    wanted = f"The {what} must be {forms(kinds)}, got {spec!r}"
     if not (kind and rest) or kind in kinds:
         raise InvalidInputError(f"{wanted}.")
     return _made(what, _of_module(kind, rest, wanted), spec)

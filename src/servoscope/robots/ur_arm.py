@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Callable
-from threading import Event
+from threading import Event, Lock
 from typing import Any
 
 import numpy as np
@@ -102,7 +102,7 @@ class URArm:
         check_range("timeout", timeout, 0.1, 600, "s")
         self.host, self.speed, self.acceleration = host, speed, acceleration
         self.force, self.timeout = force, timeout
-        self._is_stopped = Event()
+        self._is_stopped, self._stopping = Event(), Lock()
         control, receive = _interfaces()
         _check_reachable(host)
         try:
@@ -161,8 +161,9 @@ class URArm:
             If it still moves after 2 s.
         """
         self._is_stopped.set()
-        if self._control.isProgramRunning():
-            self._control.stopL(_DECELERATION)
+        with self._stopping:
+            if self._control.isProgramRunning():
+                self._control.stopL(_DECELERATION)
         end = time.monotonic() + _STOP_TIME
         while not self._stands():
             if time.monotonic() > end:
