@@ -43,10 +43,12 @@ from .pipeline import PosePipeline as PosePipeline
 from .pipeline import Recipe as Recipe
 from .pipeline import fit_all as fit_all
 from .poses import DOFS as DOFS
+from .positioning import Aim as Aim
 from .positioning import LoopSettings as LoopSettings
 from .positioning import Positioner as Positioner
 from .positioning import PositioningModel as PositioningModel
 from .positioning import PositioningResult as PositioningResult
+from .positioning import aim as aim
 from .regression import REGRESSORS as REGRESSORS
 from .regression import BayesianLMRegressor as BayesianLMRegressor
 from .regression import GaussianKernelRidge as GaussianKernelRidge

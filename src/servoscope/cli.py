@@ -118,6 +118,7 @@ def _later(command: Callable[..., None]) -> Callable[..., Callable[[], None]]:
 
 def _app() -> SubcommandApp:
     from servoscope.commands.acquire import acquire
+    from servoscope.commands.aim import aim
     from servoscope.commands.assess import assess
     from servoscope.commands.benchmark_positioning import benchmark_positioning
     from servoscope.commands.export import export
@@ -141,6 +142,7 @@ def _app() -> SubcommandApp:
     app.command(_later(rehearse))
     app.command(_later(position))
     app.command(_later(export))
+    app.command(_later(aim))
     app.command(_later(serve))
     benchmarks.command(name="positioning")(_later(benchmark_positioning))
     app.command(benchmarks, name="benchmark", help="Compare servoscope with what else there is.")

@@ -8,7 +8,12 @@ import pytest
 
 from servoscope.cli import main
 from servoscope.data.images import PoseImageSet
-from servoscope.poses import DOFS
+from servoscope.poses import (
+    DISPLAY_FACTORS,
+    DOFS,
+    displacements_from_poses,
+    inverse_transform,
+)
 from servoscope.positioning import PositioningModel
 from servoscope.storage.model_folder import read_model
 from servoscope.wording import plain_number
@@ -209,3 +214,15 @@ def test_what_is_read_of_one_part_agrees_from_assessing_to_positioning(cell, cap
     for unit in ("mm", "deg"):
         ratio = np.median([end[unit] for end in ends]) / written["loop"][f"end_{unit}"]
         assert 1 / 3 < ratio < 3
+
+
+def test_a_person_is_told_the_way_back_in_the_axes_of_the_camera(cell, capsys) -> None:
+    data = PoseImageSet.load(cell / "data")
+    camera = ["--camera", f"recorded:{cell / 'data'}", "--once", "--json"]
+    code, out, _ = run(capsys, "aim", cell / "model", *camera)
+    facts = json.loads(out)
+    way_back = inverse_transform(inverse_transform(data.T_world_ref) @ data.T_world_cam[0])
+    expected = DISPLAY_FACTORS * displacements_from_poses(np.eye(4), way_back[None], 0.0)[0]
+    found = [facts["correction"][dof]["value"] for dof in DOFS]
+    assert (code, facts["status"], facts["axes"]) == (0, "move", "camera")
+    np.testing.assert_allclose(found, expected, atol=2.0)

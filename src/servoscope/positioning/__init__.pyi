@@ -1,3 +1,5 @@
+from .aiming import Aim as Aim
+from .aiming import aim as aim
 from .feature_model import FeatureModel as FeatureModel
 from .interfaces import Camera as Camera
 from .interfaces import Estimate as Estimate
