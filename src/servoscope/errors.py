@@ -45,6 +45,10 @@ class RobotFaultError(ServoscopeError):
     """A robot cannot or will not do what it was asked to."""
 
 
+class RobotStoppedError(ServoscopeError):
+    """A robot was stopped or lost, and a person has to see to it before it moves again."""
+
+
 class CameraFaultError(ServoscopeError):
     """A camera cannot be reached, or gives no image."""
 

@@ -8,11 +8,15 @@ import types
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from planar import RANGES
 from planar_cell import Cell, Oracle, distance_from_reference
+from rtde_stand_in import Controller, modules
 from servoscope.cli import main
+from servoscope.poses import inverse_transform, rigid_transform
 from servoscope.positioning import PositioningModel
+from servoscope.robots import ur_arm
 
 
 class Driver(Cell):
@@ -50,6 +54,27 @@ class Arm:
         return getattr(self.driver, name)
 
 
+class GoTo:
+    """A robot that is sent to poses."""
+
+    def __init__(self):
+        self.driver = Driver()
+        DRIVERS[:] = [self.driver]
+
+    @property
+    def pose(self):
+        return self.driver.pose
+
+    def move_to(self, pose):
+        self.driver.move(inverse_transform(self.pose) @ pose)
+
+    def stop(self):
+        self.driver.stop()
+
+    def close(self):
+        self.driver.close()
+
+
 class Eye:
     def read(self):
         return DRIVERS[-1].read()
@@ -70,7 +95,7 @@ def own(monkeypatch):
         return DRIVERS[0]
 
     module = types.ModuleType("own")
-    module.Arm, module.Both, module.Eye = Arm, make, Eye
+    module.Arm, module.Both, module.Eye, module.GoTo = Arm, make, Eye, GoTo
     monkeypatch.setitem(sys.modules, "own", module)
     yield module
     DRIVERS.clear()
@@ -98,10 +123,9 @@ def run(capsys, model, *arguments):
     return code, said.out, said.err
 
 
-def test_a_robot_and_its_camera_come_back_and_are_stopped_and_closed(own, model, capsys):
-    code, out, err = run(
-        capsys, model, "--robot", "own:Arm", "--camera", "own:Eye", "--yes", "--json"
-    )
+@pytest.mark.parametrize("robot", ["own:Arm", "own:GoTo"])
+def test_a_robot_and_its_camera_come_back_and_are_stopped_and_closed(own, model, capsys, robot):
+    code, out, err = run(capsys, model, "--robot", robot, "--camera", "own:Eye", "--yes", "--json")
     result = json.loads(out)
     (driver,) = DRIVERS
     assert (code, result["status"]) == (0, "converged")
@@ -111,8 +135,36 @@ def test_a_robot_and_its_camera_come_back_and_are_stopped_and_closed(own, model,
     assert "The first move is " in err
 
 
+def test_an_arm_of_universal_robots_comes_back(own, model, capsys, monkeypatch):
+    controller = Controller()
+    for name, module in zip(("rtde_control", "rtde_receive"), modules(controller), strict=True):
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setattr(ur_arm, "_check_reachable", lambda host: None)
+
+    class Carried(Cell):
+        """A cell whose camera is on the arm."""
+
+        @property
+        def pose(self):
+            x = controller.where()
+            return rigid_transform(Rotation.from_rotvec(x[3:]).as_matrix(), x[:3])
+
+    start = Cell(0.3 * RANGES).pose
+    turn = Rotation.from_matrix(start[:3, :3]).as_rotvec()
+    controller.pose = controller.target = np.array([*start[:3, 3], *turn])
+    DRIVERS[:] = [Carried(np.zeros(6))]
+    monkeypatch.setattr(Eye, "close", lambda self: None)
+    arm = ["--robot", "ur:192.0.2.7?speed=1", "--camera", "own:Eye"]
+    code, out, err = run(capsys, model, *arm, "--yes", "--json")
+    assert (code, json.loads(out)["status"]) == (0, "converged"), err
+    assert distance_from_reference(DRIVERS[0]) < 1e-3
+    assert controller.stops
+    assert controller.scripts_stopped == 1
+
+
 def test_the_first_move_is_said_and_asked_for_once(own, model, capsys, monkeypatch):
     monkeypatch.setattr(sys, "stdin", Terminal("y\n"))
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     code, out, err = run(capsys, model, "--robot", "own:Both", "--max-step-mm", 20)
     assert err.count("Move the robot? [y/N]") == 1
     assert "at most 12 moves, none longer than 20 mm" in err
@@ -127,18 +179,19 @@ def test_the_first_move_is_said_and_asked_for_once(own, model, capsys, monkeypat
 @pytest.mark.parametrize("answer", ["n\n", "\n", ""])
 def test_without_a_yes_nothing_moves(own, model, capsys, monkeypatch, answer):
     monkeypatch.setattr(sys, "stdin", Terminal(answer))
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     code, _, err = run(capsys, model, "--robot", "own:Both")
     assert code == 1
     assert "Not confirmed; nothing was moved." in err
     assert DRIVERS[0].calls == ["stop", "close"]
 
 
-def test_where_nobody_can_be_asked_nothing_is_opened(own, model, capsys, monkeypatch):
+def test_where_nobody_can_be_asked_nothing_moves(own, model, capsys, monkeypatch):
     monkeypatch.setattr(sys, "stdin", io.StringIO("y\n"))
     code, _, err = run(capsys, model, "--robot", "own:Both")
     assert code == 1
-    assert "give --yes" in err
-    assert not DRIVERS
+    assert "agree with --yes" in err
+    assert DRIVERS[0].calls == ["stop", "close"]
 
 
 def test_a_dry_run_asks_nothing_and_moves_nothing(own, model, capsys, monkeypatch):

@@ -12,7 +12,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rosbridge_stand_in import Rosbridge, header, link
-from servoscope.errors import CameraFaultError, InvalidInputError, RobotFaultError, ServoscopeError
+from servoscope.errors import (
+    CameraFaultError,
+    InvalidInputError,
+    RobotFaultError,
+    RobotStoppedError,
+    ServoscopeError,
+)
 from servoscope.poses import inverse_transform, pose_error, rigid_transform
 from servoscope.robots import ros_bridge
 from servoscope.robots.devices import open_camera, open_robot
@@ -77,7 +83,7 @@ def test_the_pose_may_come_from_frames(bridge, opened):
     robot = opened(open_robot, "?base=base&tool=tool&goal=/target")
     np.testing.assert_allclose(robot.pose, T["a"] @ T["b"] @ T["c"], atol=1e-12)
     lost = opened(open_robot, "?base=base&tool=hand&goal=/target&read_timeout=0.2")
-    with pytest.raises(RobotFaultError, match="no pose of hand in base within"):
+    with pytest.raises(RobotStoppedError, match="no pose of hand in base within"):
         lost.pose  # noqa: B018
 
 
@@ -85,7 +91,9 @@ def test_a_robot_that_does_not_get_there_is_stopped_and_says_so(bridge, opened, 
     monkeypatch.setattr(ros_bridge, "_LONGEST_REST", 0.3)
     robot = opened(open_robot, TOPICS)
     bridge.stuck = True
-    with pytest.raises(RobotFaultError, match=r"stands 50\.0 mm and 0\.0 deg from where") as caught:
+    with pytest.raises(
+        RobotStoppedError, match=r"stands 50\.0 mm and 0\.0 deg from where"
+    ) as caught:
         robot.move_to(ahead(robot))
     assert len(str(caught.value).splitlines()) == 1
     assert pose_error(bridge.goals[-1][1], bridge.pose)[0] < 1e-9
@@ -96,7 +104,7 @@ def test_a_stop_from_another_thread_ends_the_move(bridge, opened):
     bridge.speed = 0.1
     begin, goal = robot.pose, ahead(robot, 1.0)
     threading.Timer(0.2, robot.stop).start()
-    with pytest.raises(RobotFaultError, match="was stopped during the move"):
+    with pytest.raises(RobotStoppedError, match="was stopped during the move"):
         robot.move_to(goal)
     here = robot.pose
     assert 1e-3 < np.linalg.norm((inverse_transform(begin) @ here)[:3, 3]) < 0.1
@@ -109,21 +117,21 @@ def test_a_service_stops_it(bridge, opened):
     robot.stop()
     assert bridge.calls == ["/halt"]
     bridge.success = False
-    with pytest.raises(RobotFaultError, match=r"could not be stopped \(brake worn"):
+    with pytest.raises(RobotStoppedError, match=r"could not be stopped \(brake worn"):
         robot.stop()
 
 
 def test_a_move_that_takes_too_long_is_stopped(bridge, opened):
     robot = opened(open_robot, f"{TOPICS}&timeout=0.2")
     bridge.speed = 0.1
-    with pytest.raises(RobotFaultError, match=r"did not get there in 0\.2 s"):
+    with pytest.raises(RobotStoppedError, match=r"did not get there in 0\.2 s"):
         robot.move_to(ahead(robot, 1.0))
 
 
 def test_a_robot_that_falls_silent_says_so(bridge, opened):
     robot = opened(open_robot, f"{TOPICS}&read_timeout=0.2")
     bridge.is_silent = True
-    with pytest.raises(RobotFaultError, match=r"says no pose on /tcp_pose within 0\.2 s"):
+    with pytest.raises(RobotStoppedError, match=r"says no pose on /tcp_pose within 0\.2 s"):
         robot.pose  # noqa: B018
 
 
@@ -132,7 +140,7 @@ def test_a_pose_that_is_none_is_refused(bridge, opened):
     message = bridge._pose_message()
     message["pose"]["position"]["x"] = None  # what rosbridge makes of NaN
     bridge.messages["/tcp_pose"] = lambda: message
-    with pytest.raises(RobotFaultError, match="that is none"):
+    with pytest.raises(RobotStoppedError, match="that is none"):
         robot.pose  # noqa: B018
 
 

@@ -16,7 +16,12 @@ from rtde_stand_in import (
     RTDEReceiveInterface,
     modules,
 )
-from servoscope.errors import InvalidInputError, RobotFaultError, ServoscopeError
+from servoscope.errors import (
+    InvalidInputError,
+    RobotFaultError,
+    RobotStoppedError,
+    ServoscopeError,
+)
 from servoscope.poses import pose_error, rigid_transform
 from servoscope.robots import ur_arm
 from servoscope.robots.devices import open_robot
@@ -67,7 +72,6 @@ def test_it_goes_where_it_is_sent_and_returns_once_it_stands(arm, controller):
         ({"emergency": True}, "in emergency stop"),
         ({"safety_mode": 5}, "stopped by a safeguard"),
         ({"robot_mode": 5}, "is not running .mode 5.; release its brakes"),
-        ({"reachable": False}, "cannot reach the pose"),
         ({"accepts": False}, "refused the move"),
         ({"is_connected": False}, "lost its connection"),
         ({"is_program_running": False, "reuploads": False}, "in remote control"),
@@ -78,23 +82,30 @@ def test_what_stops_it_is_said_in_a_line_and_it_stands(arm, controller, monkeypa
     goal = ahead(arm, 0.05)
     for name, value in changes.items():
         setattr(controller, name, value)
-    with pytest.raises(RobotFaultError, match=said) as caught:
+    with pytest.raises(RobotStoppedError, match=said) as caught:
         arm.move_to(goal)
     assert str(caught.value).startswith("The arm at 192.0.2.7 ")
     assert len(str(caught.value).splitlines()) == 1
     assert not controller.is_moving()
 
 
+def test_a_pose_out_of_reach_is_refused_and_nothing_moves(arm, controller):
+    controller.reachable = False
+    with pytest.raises(RobotFaultError, match="cannot reach the pose"):
+        arm.move_to(ahead(arm))
+    assert controller.duration == 0
+
+
 def test_a_move_that_takes_too_long_is_stopped(controller):
     arm = open_robot("ur:192.0.2.7?speed=0.01&timeout=0.2")
-    with pytest.raises(RobotFaultError, match=r"not get there in 0\.2 s"):
+    with pytest.raises(RobotStoppedError, match=r"not get there in 0\.2 s"):
         arm.move_to(ahead(arm, 0.05))
     assert controller.stops == [1.0]
 
 
 def test_a_stop_from_another_thread_ends_the_move(arm, controller):
     threading.Timer(0.05, arm.stop).start()
-    with pytest.raises(RobotFaultError, match="was stopped during the move"):
+    with pytest.raises(RobotStoppedError, match="was stopped during the move"):
         arm.move_to(ahead(arm, 0.1))
     assert not controller.is_moving()
     assert pose_error(arm.pose, ahead(arm, 0.0, 0.0))[0] < 1e-9
@@ -117,7 +128,7 @@ def test_an_arm_that_does_not_stop_is_said_to_move(arm, controller, monkeypatch)
     controller.duration, controller.begun = 60.0, time.monotonic()
     monkeypatch.setattr(type(arm._control), "stopL", lambda self, a: None)
     monkeypatch.setattr(type(controller), "halt", lambda self: None)
-    with pytest.raises(RobotFaultError, match="press its emergency stop"):
+    with pytest.raises(RobotStoppedError, match="press its emergency stop"):
         arm.stop()
     assert controller.scripts_stopped == 1
 

@@ -336,11 +336,9 @@ def _run_own(
     ServoscopeError
         If the robot or the camera cannot be opened, or the user does not agree.
     """
-    from servoscope.commands.confirmation import check_can_ask, confirm
+    from servoscope.commands.output import confirmed, print_message
     from servoscope.robots.devices import closing, open_both
 
-    if not dry_run:
-        check_can_ask(yes)
     refusal: list[ServoscopeError] = []
     is_confirmed = dry_run
 
@@ -348,12 +346,15 @@ def _run_own(
         nonlocal is_confirmed
         if is_confirmed or step.commanded is None:
             return
+        print_message(_first_move(step.commanded, positioner))
         try:
-            confirm(_first_move(step.commanded, positioner), yes)
+            is_confirmed = confirmed("Move the robot?", yes)
         except ServoscopeError as error:
             refusal.append(error)
             raise
-        is_confirmed = True
+        if not is_confirmed:
+            refusal.append(ServoscopeError("Not confirmed; nothing was moved."))
+            raise refusal[0]
 
     opened, eye = open_both(robot, camera)
     with closing(opened, eye):

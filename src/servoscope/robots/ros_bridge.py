@@ -19,6 +19,7 @@ from servoscope.errors import (
     DataSetError,
     InvalidInputError,
     RobotFaultError,
+    RobotStoppedError,
     ServoscopeError,
 )
 from servoscope.formats.ros_images import COMPRESSED, RAW, grey_of_message
@@ -160,7 +161,7 @@ class RosRobot:
 
         Raises
         ------
-        RobotFaultError
+        RobotStoppedError
             If none comes in time, or it is none.
         """
         return self._arrived()[0]
@@ -172,7 +173,7 @@ class RosRobot:
         ------
         InvalidInputError
             If it is no rigid transform; nothing was sent.
-        RobotFaultError
+        RobotStoppedError
             If the robot does not get there; it is stopped then.
         """
         target = as_rigid(pose, "pose")
@@ -192,7 +193,7 @@ class RosRobot:
 
         Raises
         ------
-        RobotFaultError
+        RobotStoppedError
             If it still moves after 3 s, or its service fails.
         """
         self._is_stopped.set()
@@ -308,8 +309,8 @@ class RosRobot:
         if not answer.get("success"):
             raise self._fault(f"could not be stopped ({one_line(answer.get('message', ''))})")
 
-    def _fault(self, reason: str) -> RobotFaultError:
-        return RobotFaultError(f"The robot of ROS {self._where} {reason}.")
+    def _fault(self, reason: str) -> RobotStoppedError:
+        return RobotStoppedError(f"The robot of ROS {self._where} {reason}.")
 
 
 class RosCamera:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from servoscope.errors import RobotFaultError, ServoscopeError
+from servoscope.errors import RobotFaultError, RobotStoppedError, ServoscopeError
 from servoscope.poses import as_rigid, pose_error, rigid_transform
 from servoscope.robots.options import check_range, split_options
 from servoscope.wording import one_line
@@ -109,8 +109,9 @@ class URArm:
             self._receive = receive.RTDEReceiveInterface(host)
             self._control = control.RTDEControlInterface(host)
         except Exception as error:
-            raise self._fault(
-                f"does not answer ({one_line(error)}); see that it is on and in remote control"
+            raise RobotFaultError(
+                f"The arm at {host} does not answer ({one_line(error)}); see that it is on and in "
+                "remote control."
             ) from error
 
     @property
@@ -119,7 +120,7 @@ class URArm:
 
         Raises
         ------
-        RobotFaultError
+        RobotStoppedError
             If the connection is lost.
         """
         self._check_connected()
@@ -134,14 +135,18 @@ class URArm:
         InvalidInputError
             If it is no rigid transform; the arm has not moved.
         RobotFaultError
-            If the arm will not, does not get there, or meets something; it is stopped then.
+            If the pose is out of reach; the arm has not moved.
+        RobotStoppedError
+            If the arm is not ready, does not get there, or meets something; it is stopped then.
         """
         target = as_rigid(pose, "pose")
         self._check_ready()
         vector = [*target[:3, 3], *Rotation.from_matrix(target[:3, :3]).as_rotvec()]
         vector = [float(value) for value in vector]
         if not self._control.isPoseWithinSafetyLimits(vector):
-            raise self._fault("cannot reach the pose, or it is outside its safety limits")
+            raise RobotFaultError(
+                f"The arm at {self.host} cannot reach the pose, or it is outside its safety limits."
+            )
         self._is_stopped.clear()
         unloaded = self._tool_force()
         try:
@@ -157,7 +162,7 @@ class URArm:
 
         Raises
         ------
-        RobotFaultError
+        RobotStoppedError
             If it still moves after 2 s.
         """
         self._is_stopped.set()
@@ -229,8 +234,8 @@ class URArm:
     def _tool_force(self) -> Array:
         return np.asarray(self._receive.getActualTCPForce(), dtype=float)[:3]
 
-    def _fault(self, reason: str) -> RobotFaultError:
-        return RobotFaultError(f"The arm at {self.host} {reason}.")
+    def _fault(self, reason: str) -> RobotStoppedError:
+        return RobotStoppedError(f"The arm at {self.host} {reason}.")
 
 
 def _check_reachable(host: str) -> None:
