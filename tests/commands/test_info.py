@@ -241,4 +241,4 @@ def test_a_figure_of_what_is_no_keyframe_is_refused_in_one_line(tmp_path, capsys
 
 def test_a_figure_by_another_ending_is_refused(keyframe_model, tmp_path, capsys):
     assert main(["info", str(keyframe_model[0]), "--figure", str(tmp_path / "view.jpg")]) == 1
-    assert "PNG file" in capsys.readouterr().err
+    assert "PNG or SVG file" in capsys.readouterr().err

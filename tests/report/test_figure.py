@@ -1,4 +1,5 @@
 import io
+from xml.etree import ElementTree
 
 import numpy as np
 from PIL import Image
@@ -36,3 +37,12 @@ def test_processes_make_no_difference(tmp_path):
     one, two = (draw_figures(orders, tmp_path / str(n), n_jobs=n) for n in (1, 2))
     assert one == two
     assert sorted(path.name for path in (tmp_path / "2").iterdir()) == ["a.png", "b.png"]
+
+
+def test_figures_are_svg_too_where_that_is_asked_for(tmp_path):
+    order = FigureOrder("grey", Caption("Greys", "", ""), draw)
+    (file,) = draw_figures([order], tmp_path, n_jobs=1, svg=True)
+    written = (tmp_path / "grey.svg").read_bytes()
+    assert ElementTree.fromstring(written).tag == "{http://www.w3.org/2000/svg}svg"  # noqa: S314
+    assert written == file.svg == render(order, svg=True).svg
+    assert (tmp_path / "grey.png").read_bytes() == render(order).png

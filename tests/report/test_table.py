@@ -1,5 +1,6 @@
 """One table, four renderings: the same cells in each, and nothing of a cell taken for a command."""
 
+import csv
 import io
 import re
 
@@ -79,3 +80,12 @@ def test_a_page_escapes_everything_and_lists_many_sections(tmp_path):
     assert "<i>" not in body
     assert "0.12" in body
     assert [f'href="#s{k}"' in body for k in range(5)] == [False, True, True, True, True]
+
+
+def test_csv_is_read_back_with_numbers_as_they_are():
+    read = list(csv.reader(io.StringIO(TABLE.to_csv())))
+    assert read[0] == list(TABLE.columns)
+    assert len(read) == 1 + len(TABLE.rows)
+    cells = [Cell(cell) if isinstance(cell, str) else cell for cell in TABLE.rows[0]]
+    shown = [" ".join(c.lines) if c.value is None else str(c.value) for c in cells]
+    assert read[1] == shown

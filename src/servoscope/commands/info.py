@@ -37,8 +37,8 @@ def info(
     Example: servoscope info model --figure view.png --dataset cell
 
     Args:
-        figure: PNG file to write, of a keyframe model: where each dof is read, and how well each
-            pixel is explained.
+        figure: PNG or SVG file to write, of a keyframe model: where each dof is read, and how well
+            each pixel is explained.
         dataset: Data set whose pose-image covariance the figure is to show as well.
     """
     from servoscope.commands.output import print_facts

@@ -59,10 +59,15 @@ def study(
     print_run(summary, out, json=json)
 
 
-def report(run: Run, jobs: Jobs = None, json: Json = False) -> None:
+def report(run: Run, svg: bool = False, jobs: Jobs = None, json: Json = False) -> None:
     """Write the report of a finished run again.
 
     Example: servoscope report servoscope-study
+
+    Example: servoscope report servoscope-study --svg
+
+    Args:
+        svg: Write each figure as SVG too, for print.
     """
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import print_facts
@@ -73,5 +78,5 @@ def report(run: Run, jobs: Jobs = None, json: Json = False) -> None:
     processes = n_jobs(jobs)
     read_settings(run)  # what is no run folder gets no lock
     with owned(run):
-        page = write_report(run, n_jobs=processes)
+        page = write_report(run, n_jobs=processes, svg=svg)
     print_facts({"report": str(page)}, as_json=json)

@@ -18,7 +18,7 @@ from servoscope.errors import InvalidInputError
 from servoscope.features import PoseImageCovariance
 from servoscope.keyframe import Keyframe, ViewLimit
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
-from servoscope.report.figure import DPI, INK, NORMAL, SMALL, new_axes
+from servoscope.report.figure import DPI, INK, NORMAL, SMALL, new_axes, to_svg
 from servoscope.storage.folders import write_atomically
 
 Array = NDArray[Any]
@@ -173,15 +173,18 @@ def write_keyframe(
     residual: Array | None = None,
     data: PoseImageSet | None = None,
 ) -> None:
-    """Write `draw_keyframe` as a PNG file, whole or not at all.
+    """Write `draw_keyframe` as a PNG or an SVG file, whole or not at all.
 
     Raises
     ------
     InvalidInputError
-        If the file is not named ``.png``, or the images of the data set are of another size.
+        If the file is named neither ``.png`` nor ``.svg``, or the images of the data set are of
+        another size.
     """
-    if file.suffix.lower() != ".png":
-        raise InvalidInputError(f"A figure is a PNG file, got {file}; name it {file.stem}.png.")
+    if file.suffix.lower() not in (".png", ".svg"):
+        raise InvalidInputError(
+            f"A figure is a PNG or SVG file, got {file}; name it {file.stem}.png."
+        )
     pictures = None
     if data is not None:
         if data.image_shape != keyframe.reference_image.shape:
@@ -193,4 +196,7 @@ def write_keyframe(
         pictures = components.reshape(-1, *data.image_shape)
     figure = draw_keyframe(keyframe, residual=residual, covariance_images=pictures)
     FigureCanvasAgg(figure)
+    if file.suffix.lower() == ".svg":
+        write_atomically(file, lambda out: out.write(to_svg(figure)))
+        return
     write_atomically(file, lambda out: figure.savefig(out, format="png", dpi=DPI))

@@ -13,6 +13,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -76,13 +77,14 @@ class FigureOrder:
 
 @dataclass(frozen=True)
 class FigureFile:
-    """A figure that was drawn: its PNG, its size on the page in px, and its words."""
+    """A figure that was drawn: its PNG, its size on the page in px, its words, and its SVG."""
 
     name: str
     caption: Caption
     png: bytes
     width: int
     height: int
+    svg: bytes = b""
 
     def to_html(self) -> str:
         """The figure as part of a page, with its pixels in the page itself."""
@@ -101,16 +103,31 @@ class FigureFile:
         return Markup(self.to_html())  # noqa: S704
 
 
-def draw_figures(orders: list[FigureOrder], folder: Path, *, n_jobs: int = -1) -> list[FigureFile]:
-    """Draw figures, several at a time, and write each as a PNG file into a folder."""
+def draw_figures(
+    orders: list[FigureOrder], folder: Path, *, n_jobs: int = -1, svg: bool = False
+) -> list[FigureFile]:
+    """Draw figures, several at a time, and write each as a PNG file into a folder.
+
+    With `svg` each is an SVG file beside it as well, for print.
+    """
     folder.mkdir(exist_ok=True)
-    files = list(in_processes(render, ((order,) for order in orders), n_jobs))
+    files = list(in_processes(render, ((order, svg) for order in orders), n_jobs))
     for file in files:
         write_atomically(folder / f"{file.name}.png", partial(_write, content=file.png))
+        if svg:
+            write_atomically(folder / f"{file.name}.svg", partial(_write, content=file.svg))
     return files
 
 
-def render(order: FigureOrder) -> FigureFile:
+def to_svg(figure: Figure) -> bytes:
+    """A figure as SVG, its letters as curves; equal figures give equal bytes."""
+    svg = io.BytesIO()
+    with rc_context({"svg.hashsalt": "servoscope"}):
+        figure.savefig(svg, format="svg", metadata={"Date": None})
+    return svg.getvalue()
+
+
+def render(order: FigureOrder, svg: bool = False) -> FigureFile:
     """Draw one figure."""
     figure = order.draw()
     figure.set_dpi(DPI)
@@ -120,7 +137,8 @@ def render(order: FigureOrder) -> FigureFile:
     png = io.BytesIO()
     _with_few_colours(pixels).save(png, "PNG")
     width, height = (round(side * 96 / DPI) for side in pixels.shape[1::-1])
-    return FigureFile(order.name, order.caption, png.getvalue(), width, height)
+    drawn = to_svg(figure) if svg else b""
+    return FigureFile(order.name, order.caption, png.getvalue(), width, height, drawn)
 
 
 def _write(out: BinaryIO, content: bytes) -> None:

@@ -1,7 +1,9 @@
-"""One table, shown on a terminal, on a page, in Markdown and in LaTeX."""
+"""One table, shown on a terminal, on a page, in Markdown, in LaTeX and as CSV."""
 
 from __future__ import annotations
 
+import csv
+import io
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -93,6 +95,24 @@ class Table:
         for row in self._cells():
             lines.append(_row(_emphasised(cell, _markdown, "**{}**", "<br>") for cell in row))
         return "\n".join(lines)
+
+    def to_csv(self) -> str:
+        """The heads and the rows with commas between; numbers as they are, not as they are shown.
+
+        Examples
+        --------
+        >>> print(Table(["dof", "RMS"], [["tx", Cell("0.5 mm", 0.4987)]]).to_csv(), end="")
+        dof,RMS
+        tx,0.4987
+        """
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(self.columns)
+        for row in self._cells():
+            writer.writerow(
+                " ".join(cell.lines) if cell.value is None else cell.value for cell in row
+            )
+        return text.getvalue()
 
     def to_latex(self) -> str:
         """The table as LaTeX, for the package booktabs."""

@@ -175,13 +175,15 @@ VERDICTS = {"yes": Cell("yes", mark="best"), "no": Cell("no", mark="missed")}
 Figures = Mapping[str, FigureFile]
 
 
-def write_report(run: Path, *, n_jobs: int = -1) -> Path:
+def write_report(run: Path, *, n_jobs: int = -1, svg: bool = False) -> Path:
     """Write ``report.html``, ``tables.tex`` and ``figures/`` into a run folder.
 
     Parameters
     ----------
     run : Path
         A finished run folder.
+    svg : bool
+        Write each figure as SVG as well.
 
     Returns
     -------
@@ -196,7 +198,8 @@ def write_report(run: Path, *, n_jobs: int = -1) -> Path:
     run = Path(run)
     data = read_run(run)
     orders = assessment_figures(data.assessed) if data.assessed else []
-    files = draw_figures([*orders, *list_figures(data)], run / "figures", n_jobs=n_jobs)
+    orders += list_figures(data)
+    files = draw_figures(orders, run / "figures", n_jobs=n_jobs, svg=svg)
     n_bins = data.settings.get("n_bins")
     tables = [table for unit in data.units for table in study_tables(unit, n_bins)]
     if tables:
