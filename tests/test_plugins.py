@@ -18,6 +18,7 @@ from servoscope.errors import PluginError, ServoscopeWarning
 from servoscope.features.catalogue import FAMILIES, parse_families
 from servoscope.pipeline import PosePipeline
 from servoscope.regression import REGRESSORS
+from servoscope.robots.devices import open_camera
 
 PAGE = Path(__file__).parents[1] / "docs" / "plugins.md"
 FENCED = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -97,6 +98,7 @@ def test_plug_ins_are_found_by_name_and_loaded_when_asked_for(acme, monkeypatch)
     assert list(FAMILIES)[-1] == "brightness"
     assert not FAMILIES["brightness"].is_learned
     assert "linear" in REGRESSORS
+    assert (open_camera("grey:128").read() == 128).all()
     assert parse_families("all")[-1] == "brightness"
 
 

@@ -271,7 +271,7 @@ class _Grabbing:
 
 
 def _capture(source: int | str) -> Any:
-    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it prints to standard error
     try:
         capture = cv2.VideoCapture(source)
     except cv2.error as error:
