@@ -223,6 +223,8 @@ def test_a_person_is_told_the_way_back_in_the_axes_of_the_camera(cell, capsys) -
     facts = json.loads(out)
     way_back = inverse_transform(inverse_transform(data.T_world_ref) @ data.T_world_cam[0])
     expected = DISPLAY_FACTORS * displacements_from_poses(np.eye(4), way_back[None], 0.0)[0]
-    found = [facts["correction"][dof]["value"] for dof in DOFS]
+    found = np.array([facts["correction"][dof]["value"] for dof in DOFS])
     assert (code, facts["status"], facts["axes"]) == (0, "move", "camera")
-    np.testing.assert_allclose(found, expected, atol=2.0)
+    for part in (slice(3), slice(3, 6)):  # the axes are those of a mount that was fitted
+        missed = np.linalg.norm(found[part] - expected[part])
+        assert missed < 0.1 * np.linalg.norm(expected[part])
