@@ -44,41 +44,20 @@ class Kind(NamedTuple):
     open: Opener
 
 
+def _from(module: str, opener: str) -> Opener:
+    """A function of a module of this room, imported when it is called."""
+
+    def opened(rest: str) -> Any:
+        return getattr(importlib.import_module(f"servoscope.robots.{module}"), opener)(rest)
+
+    return opened
+
+
 def _recorded(rest: str) -> Any:
     from servoscope.data.images import PoseImageSet
     from servoscope.robots.recorded import RecordedRobot
 
     return RecordedRobot(PoseImageSet.load(rest))
-
-
-def _opencv(rest: str) -> Any:
-    from servoscope.robots.opencv_camera import opencv_camera
-
-    return opencv_camera(rest)
-
-
-def _folder(rest: str) -> Any:
-    from servoscope.robots.folder_camera import folder_camera
-
-    return folder_camera(rest)
-
-
-def _ur(rest: str) -> Any:
-    from servoscope.robots.ur_arm import ur_arm
-
-    return ur_arm(rest)
-
-
-def _ros_robot(rest: str) -> Any:
-    from servoscope.robots.ros_bridge import ros_robot
-
-    return ros_robot(rest)
-
-
-def _ros_camera(rest: str) -> Any:
-    from servoscope.robots.ros_bridge import ros_camera
-
-    return ros_camera(rest)
 
 
 def _checked(name: str, opener: Any) -> Kind:
@@ -92,8 +71,8 @@ _RECORDED = Kind("recorded:FOLDER", _recorded)
 ROBOT_KINDS = Registry(
     "servoscope.robot_kinds",
     {
-        "ur": Kind("ur:HOST", _ur),
-        "ros": Kind("ros:HOST:PORT?pose=TOPIC&goal=TOPIC", _ros_robot),
+        "ur": Kind("ur:HOST", _from("ur_arm", "ur_arm")),
+        "ros": Kind("ros:HOST:PORT?pose=TOPIC&goal=TOPIC", _from("ros_bridge", "ros_robot")),
         "recorded": _RECORDED,
     },
     _checked,
@@ -103,9 +82,10 @@ ROBOT_KINDS = Registry(
 CAMERA_KINDS = Registry(
     "servoscope.camera_kinds",
     {
-        "opencv": Kind("opencv:N", _opencv),
-        "folder": Kind("folder:PATH", _folder),
-        "ros": Kind("ros:HOST:PORT?image=TOPIC", _ros_camera),
+        "opencv": Kind("opencv:N", _from("opencv_camera", "opencv_camera")),
+        "folder": Kind("folder:PATH", _from("folder_camera", "folder_camera")),
+        "gentl": Kind("gentl:FILE.cti", _from("gentl_camera", "gentl_camera")),
+        "ros": Kind("ros:HOST:PORT?image=TOPIC", _from("ros_bridge", "ros_camera")),
         "recorded": _RECORDED,
     },
     _checked,
