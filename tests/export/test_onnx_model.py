@@ -9,10 +9,13 @@ import pytest
 from servoscope.cli import main
 from servoscope.dofs import mask_of
 from servoscope.errors import FolderExistsError, InvalidInputError, ModelError
-from servoscope.export.agreement import Agreement, OnnxEstimator
+from servoscope.export.agreement import Agreement
+from servoscope.export.onnx_estimator import OnnxEstimator
 from servoscope.export.onnx_model import OUTPUTS, export_onnx, to_onnx
-from servoscope.positioning import PositioningModel
-from small_keyframe import shown, small_model, texture
+from servoscope.keyframe.rendering import continued
+from servoscope.poses import displacements_from_poses
+from servoscope.positioning import Positioner, PositioningModel
+from small_keyframe import displacements, shown, small_model, texture
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
@@ -31,11 +34,12 @@ def exported(model, tmp_path_factory):
 
 def assert_equal(model, estimator, images):
     for image in images:
-        ours, theirs = model.estimate(image), estimator(image)
+        ours, theirs = model.estimate(image), estimator.outputs(image)
         assert {name: np.shape(x) for name, x in theirs.items()} == OUTPUTS
         np.testing.assert_allclose(theirs["displacement"], ours.displacement, atol=2e-7)
         np.testing.assert_allclose(theirs["deviation"], ours.std, rtol=0.02, atol=1e-8)
         assert abs(float(theirs["similarity"]) - ours.similarity) < 1e-4
+        np.testing.assert_allclose(theirs["novelty"], ours.novelty, atol=1e-5)
         assert bool(theirs["is_recognised"]) == ours.is_recognised
 
 
@@ -50,7 +54,7 @@ def test_both_read_the_same(model, estimator):
 
 def test_what_is_not_the_part_is_not_recognised(model, estimator):
     other = texture((96, 128), 77).astype(np.uint8)
-    assert not estimator(other)["is_recognised"]
+    assert not estimator.outputs(other)["is_recognised"]
     assert not model.estimate(other).is_recognised
 
 
@@ -67,7 +71,7 @@ def test_models_of_every_kind_read_the_same(options):
     model = small_model(**options)
     estimator, images = OnnxEstimator(to_onnx(model)), shown(model)
     assert_equal(model, estimator, images)
-    found = estimator(images[1])
+    found = estimator.outputs(images[1])
     assert not found["delta_p"][~mask_of(model.dofs)].any()
     np.testing.assert_array_equal(np.isfinite(found["deviation"]), mask_of(model.dofs))
 
@@ -143,3 +147,50 @@ def test_the_command_writes_the_file_and_its_card(tmp_path, capsys):
 def test_an_ending_that_says_of_no_format_is_refused(tmp_path, capsys):
     assert main(["export", str(tmp_path), str(tmp_path / "model.xyz")]) == 1
     assert ".onnx" in capsys.readouterr().err
+
+
+class Rendered:
+    """A robot whose camera sees what the keyframe shows from where it is."""
+
+    def __init__(self, model, displacement):
+        self.keyframe, self.pose = model.keyframe, displacement
+        self.rng = np.random.default_rng(0)
+
+    def move(self, displacement):
+        self.pose = self.pose @ displacement
+        return displacement
+
+    def read(self):
+        grey = continued(*self.keyframe.render(self.pose)).astype(float)
+        return np.rint(grey + self.rng.normal(size=grey.shape)).clip(0, 255).astype(np.uint8)
+
+
+def test_the_file_drives_a_robot_to_the_reference(model, estimator):
+    start = displacements(3, seed=8)[2]
+    ends = []
+    for reads in (estimator, model):
+        robot = Rendered(model, start)
+        result = Positioner(reads).run(robot, robot)
+        assert result.status == "converged", result.message
+        ends.append(displacements_from_poses(np.eye(4), robot.pose[None], model.pivot)[0])
+    before = displacements_from_poses(np.eye(4), start[None], model.pivot)[0]
+    assert np.linalg.norm(ends[0] / model.reach) < 0.1 * np.linalg.norm(before / model.reach)
+    np.testing.assert_allclose(ends[0], ends[1], atol=0.02 * model.reach.min())
+
+
+def test_the_file_knows_what_the_loop_needs(model, estimator):
+    np.testing.assert_array_equal(estimator.reference_image, model.reference_image)
+    np.testing.assert_array_equal(estimator.reach, model.reach)
+    assert (estimator.pivot, estimator.dofs) == (model.pivot, model.dofs)
+    assert estimator.image_shape == model.image_shape
+
+
+@pytest.mark.parametrize("content", [b"", b"no graph", None])
+def test_what_was_not_exported_is_refused_in_a_line(content, exported, tmp_path):
+    if content is None:
+        proto = onnx.load(exported.path)
+        del proto.metadata_props[:]
+        content = proto.SerializeToString()
+    (tmp_path / "other.onnx").write_bytes(content)
+    with pytest.raises(ModelError, match=r"^.*not a model that servoscope exported.*$"):
+        OnnxEstimator(tmp_path / "other.onnx")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import InvalidInputError
+from servoscope.export.onnx_estimator import OnnxEstimator
 from servoscope.keyframe.rendering import continued
 from servoscope.poses import (
     DISPLAY_FACTORS,
@@ -28,41 +29,6 @@ EQUAL = 1e-3
 """Differences up to this share of the tolerance count as none."""
 
 _DRAWN = 0.8
-
-
-class OnnxEstimator:
-    """An exported model under onnxruntime, on one core.
-
-    Parameters
-    ----------
-    content : bytes or path
-        Of the file.
-
-    Raises
-    ------
-    InvalidInputError
-        If onnxruntime is not installed.
-    """
-
-    def __init__(self, content: Any) -> None:
-        try:
-            import onnxruntime
-        except ImportError as error:
-            raise InvalidInputError(
-                "Running an exported model needs onnxruntime; install servoscope[export]."
-            ) from error
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1
-        options.log_severity_level = 3
-        content = content if isinstance(content, bytes) else str(content)
-        self._session = onnxruntime.InferenceSession(
-            content, options, providers=["CPUExecutionProvider"]
-        )
-        self.names = [output.name for output in self._session.get_outputs()]
-
-    def __call__(self, image: Image) -> dict[str, NDArray[Any]]:
-        """What it says of an image, by the name of the output."""
-        return dict(zip(self.names, self._session.run(None, {"image": image}), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,19 +94,19 @@ class Agreement:
         least = np.repeat([1e-3 * NEAR_ENOUGH["mm"], np.radians(NEAR_ENOUGH["deg"])], 3)
         shown = _shown(model, n_rendered) if n_rendered else iter(())
         for image in (*shown, *(() if images is None else images)):
-            ours, theirs = model.estimate(image), exported(image)
-            if not (theirs["is_recognised"] or ours.is_recognised):
+            ours, theirs = model.estimate(image), exported.estimate(image)
+            if not (theirs.is_recognised or ours.is_recognised):
                 continue  # what neither takes for the part is read of nothing
-            found = (ours.displacement, theirs["displacement"].astype(float))
-            six = displacements_from_poses(np.eye(4), np.stack(found), model.pivot)
+            found = np.stack([ours.displacement, theirs.displacement])
+            six = displacements_from_poses(np.eye(4), found, model.pivot)
             difference = np.abs(six[0] - six[1])
             known = np.isfinite(ours.std)
             tolerance = np.maximum(np.where(known, ours.std, 0.0), least)
-            ratio = theirs["deviation"][known] / ours.std[known]
+            ratio = theirs.std[known] / ours.std[known]
             differences.append(difference)
             shares.append((difference / tolerance).max())
             deviations.append(np.abs(ratio - 1).max())
-            similarities.append(abs(float(theirs["similarity"]) - ours.similarity))
+            similarities.append(abs(theirs.similarity - ours.similarity))
         if not shares:
             raise InvalidInputError(
                 "None of the images shows the part of the model; compare on some that do."

@@ -22,6 +22,7 @@ _MEANING = {
     "deviation": "standard deviation that is believed of each number of `delta_p`; NaN in dofs "
     "that are not commanded",
     "similarity": "median correlation of the image with what is expected at the displacement",
+    "novelty": "the greatest displacement as a share of the largest that are read",
     "is_recognised": "whether the similarity and the displacement are those of this part; if "
     "not, all other outputs mean nothing",
 }

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,9 +14,9 @@ from servoscope.export.levels import (
     LevelGraph,
     Picture,
     block_sums,
-    separated,
 )
 from servoscope.export.recognition import RecognitionGraph
+from servoscope.export.resizing import reduced
 from servoscope.export.rigid import Motions, rotation_angle, solve
 from servoscope.keyframe.alignment import (
     BETWEEN,
@@ -62,7 +61,7 @@ class KeyframeGraph:
         self.pictures = []
         for level in aligner.levels:
             view = level.view
-            small = _made(self.grey, self._shape, view.prepare)
+            small = reduced(self.grey, self._shape, view.shape, view.sigma)
             self.pictures.append(Picture.of(small, view.shape))
             if level is aligner.levels[0]:
                 even = _evened(small, view.shape)
@@ -95,12 +94,7 @@ class KeyframeGraph:
     def _first_guesses(self, first_guess: FirstGuess) -> Value:
         """Displacements about the pivot, (n_windows, 6)."""
         shape = small_shape(self._shape)
-
-        def shrink(image: Floats) -> Floats:
-            made = cv2.resize(image, shape[::-1], interpolation=cv2.INTER_AREA)
-            return np.asarray(made, np.float32)
-
-        small = _made(self.grey, self._shape, shrink)
+        small = reduced(self.grey, self._shape, shape, 0.0)
         even = _evened(small, shape) / np.float32(30)
         found = []
         for window, (rows, columns) in zip(first_guess.windows, bounds_of(shape), strict=True):
@@ -208,7 +202,8 @@ class KeyframeGraph:
         shares = found / np.where(model.reach > 0, FARTHEST * model.reach, 1.0)
         novelty = self.graph.apply("Abs", shares).max()
         recognition = RecognitionGraph(self.graph, model.recognition, model.keyframe)
-        small = _made(self.grey, self._shape, recognition.view.prepare)
+        view = recognition.view
+        small = reduced(self.grey, self._shape, view.shape, view.sigma)
         similarity = recognition.similarity(small, T)
         least = float(model.accuracy.get("least_similarity", LEAST_SIMILARITY))
         return {
@@ -216,6 +211,7 @@ class KeyframeGraph:
             "delta_p": delta_p,
             "deviation": deviation,
             "similarity": similarity,
+            "novelty": novelty,
             "is_recognised": (similarity >= least) & (novelty <= 1.0),
         }
 
@@ -262,20 +258,9 @@ class KeyframeGraph:
         return own + error * error
 
 
-def _made(image: Value, shape: tuple[int, ...], how: Callable[[Floats], Floats]) -> Value:
-    """An image that is resized or blurred, (height, width), float32."""
-    left, right = separated(how, shape)
-    return left @ image @ right
-
-
 def _evened(grey: Value, shape: tuple[int, int]) -> Value:
     """As `servoscope.keyframe.levels.evened`."""
     sigma = EVENED * shape[1]
-
-    def blur(image: Floats) -> Floats:
-        made = cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
-        return np.asarray(made, np.float32)
-
-    fine = grey - _made(grey, shape, blur)
-    square = _made(fine * fine, shape, blur)
+    fine = grey - reduced(grey, shape, shape, sigma)
+    square = reduced(fine * fine, shape, shape, sigma)
     return 30.0 * (fine / (square.sqrt() + FAINT)).clip(-2.0, 2.0)

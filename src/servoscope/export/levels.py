@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -28,27 +27,6 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 _LARGE = 1e9
-
-
-def separated(prepare: Callable[[Floats], Floats], shape: tuple[int, ...]) -> tuple[Floats, Floats]:
-    """The matrices L and R with ``L @ image @ R`` what a linear operation along both axes gives.
-
-    Parameters
-    ----------
-    prepare : callable
-        Resizes or blurs an image; what it makes of equal grey levels are these.
-    shape : (height, width)
-    """
-    sides = []
-    for axis in (0, 1):
-        columns = []
-        for k in range(shape[axis]):
-            image = np.zeros(shape, np.float32)
-            image[(slice(None),) * axis + (k,)] = 1.0
-            made = prepare(image)
-            columns.append(made[:, 0] if axis == 0 else made[0])
-        sides.append(np.stack(columns, axis=1 - axis))
-    return sides[0].astype(np.float32), sides[1].astype(np.float32)
 
 
 class Seen(NamedTuple):

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from servoscope import __version__
 from servoscope.errors import FolderExistsError, InvalidInputError, ModelError
-from servoscope.export.agreement import Agreement, OnnxEstimator
+from servoscope.export.agreement import Agreement
 from servoscope.export.card import model_card
 from servoscope.export.graph import Graph
 from servoscope.export.keyframe import KeyframeGraph
+from servoscope.export.onnx_estimator import REFERENCE, OnnxEstimator, image_fact
 from servoscope.positioning.keyframe_model import KeyframeModel
 from servoscope.positioning.model import PositioningModel
 from servoscope.positioning.recognition import LEAST_SIMILARITY
@@ -27,6 +28,7 @@ OUTPUTS: dict[str, tuple[int, ...]] = {
     "delta_p": (6,),
     "deviation": (6,),
     "similarity": (),
+    "novelty": (),
     "is_recognised": (),
 }
 """The outputs of an exported model, and their shapes."""
@@ -89,6 +91,7 @@ def to_onnx(model: KeyframeModel) -> bytes:
         "pivot": json.dumps(model.pivot),
         "reach": json.dumps(model.reach.tolist()),
         "least_similarity": json.dumps(least_similarity(model)),
+        REFERENCE: image_fact(model.reference_image),
     }
     proto = graph.to_model("servoscope", [(image, model.image_shape)], outputs, facts)
     return bytes(proto.SerializeToString(deterministic=True))
