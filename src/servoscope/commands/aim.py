@@ -95,6 +95,7 @@ def _watch(model: Any, camera: Any, settings: Any, out: Console) -> None:
                 reading = read(model, _image(camera), settings, reading)
                 words = ", ".join(reading.words())
                 out.print(f"{reading.message} {words}".strip(), soft_wrap=True)
+                out.file.flush()
         with Live(console=out, auto_refresh=False) as live:
             while True:
                 reading = read(model, _image(camera), settings, reading)
