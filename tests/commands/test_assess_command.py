@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from html_page import check_page
 from planar import planar_data_set, planar_images
 from servoscope.cli import main
 from servoscope.data.images import PoseImageSet
@@ -102,7 +103,7 @@ def test_the_pipeline_of_the_choice_is_saved_with_what_is_known_of_it(tmp_path):
 
 @pytest.mark.slow
 def test_the_report_opens_with_the_decision(finished):
-    page = (finished / "report.html").read_text()
+    page = check_page(finished / "report.html").source
     tables = [page.index(f'id="{name}"') for name in ("decision-table", "result-table1")]
     assert tables == sorted(tables)
     assert page.index("decision-table") < page.index("<img")

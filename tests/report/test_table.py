@@ -7,7 +7,6 @@ import re
 import pytest
 from rich.console import Console
 
-from servoscope.report.page import Section, bullets, pairs, paragraph, write_page
 from servoscope.report.table import Cell, Table, write_tables
 
 HOSTILE = "a|b <i>&amp; 50 % \\cmd{x} $y_1$ #2 ~^"
@@ -67,19 +66,6 @@ def test_tables_are_written_as_the_file_is_named(tmp_path, name, part):
     text = (tmp_path / name).read_text()
     assert text.count(part) == 2
     assert text.endswith("\n")
-
-
-def test_a_page_escapes_everything_and_lists_many_sections(tmp_path):
-    parts = [HOSTILE, paragraph(HOSTILE, "quiet"), bullets([HOSTILE]), TABLE]
-    sections = [
-        Section(HOSTILE, [*parts, pairs({HOSTILE: [("x", 0.123)]}), f"s{k}"], f"s{k}")
-        for k in range(5)
-    ]
-    path = write_page(tmp_path / "page.html", HOSTILE, sections, kind="test", lead=HOSTILE)
-    body = path.read_text().split("</style>")[1]
-    assert "<i>" not in body
-    assert "0.12" in body
-    assert [f'href="#s{k}"' in body for k in range(5)] == [False, True, True, True, True]
 
 
 def test_csv_is_read_back_with_numbers_as_they_are():

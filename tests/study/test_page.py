@@ -1,10 +1,9 @@
 import json
 import re
-from html.parser import HTMLParser
-from itertools import pairwise
 
 import pytest
 
+from html_page import Page, check_page
 from servoscope.commands.run_study import print_run
 from servoscope.errors import RunFolderError
 from servoscope.report.figure import FigureFile
@@ -13,33 +12,6 @@ from servoscope.study.figures import list_figures
 from servoscope.study.page import describe_command, flatten, write_report, write_run_page
 from servoscope.study.results import OF_CHANCE, list_units, read_run
 from servoscope.study.tables import errors_table, ranking_table, stability_table, subset_table
-
-VOID = {"meta", "img", "br", "link", "input", "hr"}
-
-
-class Page(HTMLParser):
-    """Tags with their attributes, and the text; fails on tags that do not nest."""
-
-    def __init__(self, path):
-        super().__init__()
-        self.tags, self.open, self.text = [], [], []
-        self.feed(path.read_text(encoding="utf-8"))
-        self.close()
-        assert not self.open
-
-    def handle_starttag(self, tag, attributes):
-        self.tags.append((tag, dict(attributes)))
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.text.append(data)
-
-    def all(self, tag):
-        return [attributes for name, attributes in self.tags if name == tag]
 
 
 @pytest.fixture(scope="module")
@@ -71,18 +43,8 @@ def test_page_holds_every_table(shared_run):
     assert len(page.all("caption")) == len(page.all("table"))
 
 
-def test_page_asks_for_nothing_outside_itself(page, report):
-    for tag, attributes in page.tags:
-        for name in ("src", "href", "srcset", "action"):
-            if name in attributes:
-                assert attributes[name].startswith(("data:image/png;base64,", "#")), tag
-    text = re.sub(r"base64,[\w+/=]+", "", report.read_text())
-    assert not re.search(r"https?://|url\(|@import", text)
-
-
-def test_links_lead_to_places_of_the_page(page):
-    ids = {attributes["id"] for _, attributes in page.tags if "id" in attributes}
-    assert {link["href"][1:] for link in page.all("a")} <= ids
+def test_page_can_be_read_by_anybody(report):
+    check_page(report)
 
 
 def test_figures_are_in_the_page_and_in_the_folder_with_an_overview(page, report):
@@ -91,13 +53,6 @@ def test_figures_are_in_the_page_and_in_the_folder_with_an_overview(page, report
     assert len(images) == len(files - {"overview"}) == 20
     assert "overview" in files
     assert all(image["alt"] and int(image["width"]) > 100 for image in images)
-
-
-def test_page_says_its_language_and_counts_headings_without_gaps(page):
-    assert page.all("html") == [{"lang": "en"}]
-    levels = [int(tag[1]) for tag, _ in page.tags if re.fullmatch(r"h\d", tag)]
-    assert levels.count(1) == 1
-    assert all(b - a <= 1 for a, b in pairwise(levels))
 
 
 def test_hostile_names_are_text(make_run):
@@ -110,7 +65,8 @@ def test_hostile_names_are_text(make_run):
 def test_one_protocol_makes_a_report(make_run):
     page = Page(page_without_pictures(make_run(protocols=("paper",))))
     sections = [attributes["id"] for attributes in page.all("section")]
-    assert sections == ["result", "agreement", "images", "paper-pivot", "paper-camera", "making"]
+    assert sections[:4] == ["verdict", "result", "agreement", "images"]
+    assert sections[4:] == ["paper-pivot", "paper-camera", "making"]
     assert "flatter the errors" not in "".join(page.text)
 
 

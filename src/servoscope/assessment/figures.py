@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter
 
-from servoscope.poses import DOF_LABELS
+from servoscope.assessment.verdict import arrives
+from servoscope.poses import DISPLAY_UNITS, DOF_LABELS
 from servoscope.report.figure import (
     ACCENT,
     DOF_STYLES,
@@ -19,6 +22,7 @@ from servoscope.report.figure import (
     SMALL,
     Caption,
     FigureOrder,
+    Layout,
     dress,
     new_axes,
 )
@@ -28,10 +32,11 @@ Rows = Mapping[str, Mapping[str, Any]]
 CAPTIONS = {
     "reach": Caption(
         "What each degree of freedom reaches",
-        "RMS errors as shares of the error of predicting the mean, which is the dashed line: "
-        "the forecast with its 90 % interval, what a trained model reached on test images, and "
-        "what is asked for. Below each stands the forecast.",
-        "A chart of forecast errors, reached ones and tolerances by degree of freedom.",
+        "RMS errors, on logarithmic scales: left of the tolerance is accurate enough. The bar is "
+        "the 90 % interval of one look.",
+        "Two charts, of translations in mm and of rotations in degrees, with a row for each degree "
+        "of freedom: its tolerance, one look, the end of the loop and what the view allows. The "
+        "table has the numbers.",
     ),
     "budgets": Caption(
         "Where the error comes from",
@@ -49,6 +54,15 @@ CAPTIONS = {
     ),
 }
 
+REACH_STYLES: dict[str, dict[str, Any]] = {
+    "tolerance": {"color": ACCENT, "marker": "|", "markersize": 17, "markeredgewidth": 3},
+    "one look": {"color": INK, "marker": "o", "markersize": 6},
+    "loop": {"color": INK, "marker": "D", "markersize": 6, "fillstyle": "none"},
+    "loop, not all arrive": {"color": INK, "marker": "x", "markersize": 6},
+    "view allows": {"color": MUTED, "marker": "|", "markersize": 9, "markeredgewidth": 1.5},
+}
+"""Each has its own marker, so that colour is never needed to tell them apart."""
+
 SHARES = {
     "noise": ("pixel noise", "#1c2733", ""),
     "pose_labels": ("pose labels", "#6b7782", "...."),
@@ -65,37 +79,35 @@ def moving(rows: Rows) -> list[str]:
 
 
 def plot_reach(rows: Rows, *, ax: Axes | None = None) -> Axes:
-    """Forecast with its interval, what was measured and what is asked for, by dof.
+    """What one look and the loop reach, what is asked for and what the view allows, by dof.
 
     Parameters
     ----------
     rows : dict
-        The decision by dof. Errors are drawn as shares of the error of predicting the mean.
+        The decision by dof, of dofs with one unit.
     """
     ax = new_axes() if ax is None else ax
-    dofs = moving(rows)
-    places = list(range(len(dofs)))
-    for place, dof in zip(places, dofs, strict=True):
-        row = rows[dof]
-        unit = row["baseline_rms"] or 1.0
-        low, high = (max(end / unit, 1e-4) for end in row["interval"])
-        first = place == 0
-        ax.plot([place, place], [low, high], color=INK, linewidth=5, alpha=0.25, zorder=1)
-        ax.plot(place, row["forecast_rms"] / unit, "o", color=INK, label=first * "forecast (90 %)")
-        ax.plot(place, row["reached_rms"] / unit, "x", color=ACCENT, label=first * "measured")
-        if row["tolerance"] is not None:
-            ax.plot(
-                place, row["tolerance"] / unit, "_", color=INK, markersize=16, label="tolerance"
-            )
-    ax.axhline(1.0, color=MUTED, linewidth=0.8, linestyle="--")
-    ax.set_yscale("log")
-    dress(ax, is_log=True, ylabel="RMS error [of that of the mean]")
-    ax.set_xticks(places, [_below(dof, rows[dof]) for dof in dofs])
-    ax.set_xlim(-0.5, len(dofs) - 0.5)
-    handles, labels = ax.get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
-    unique.pop("", None)
-    ax.legend(unique.values(), unique.keys(), **LEGEND)
+    for place, row in enumerate(rows.values()):
+        look, loop = row["one_look"], row["loop"]
+        name_of_loop = "loop" if arrives(loop) else "loop, not all arrive"
+        ax.plot(look["interval"], [place, place], color=INK, linewidth=5, alpha=0.25)
+        for name, value in (
+            ("tolerance", row["tolerance"]),
+            ("one look", look["rms"]),
+            (name_of_loop, None if loop is None else loop["end_rms"]),
+            ("view allows", row["view_limit"]),
+        ):
+            if value:
+                ax.plot(value, place, label=name, **REACH_STYLES[name])
+    ax.set_xscale("log")
+    (unit,) = {row["unit"] for row in rows.values()}
+    dress(ax, xlabel=f"RMS error [{unit}]", is_log=True)
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    ax.set_yticks(range(len(rows)), [DOF_LABELS[dof] for dof in rows])
+    ax.set_ylim(len(rows) - 0.5, -0.5)
+    ax.grid(axis="x", color="#d5d9dd", linewidth=0.6)
+    ax.set_axisbelow(True)
     return ax
 
 
@@ -198,10 +210,27 @@ LEGEND: dict[str, Any] = {
 
 
 def draw_reach(rows: Rows) -> Figure:
-    """Forecast, measured and asked-for errors of all dofs."""
-    figure = Figure(figsize=(9.6, 3.2), facecolor="white")
-    plot_reach(rows, ax=figure.add_axes((0.07, 0.16, 0.92, 0.74)))
+    """What all moving dofs reach, a chart for each unit, with one legend."""
+    shown = [
+        {dof: rows[dof] for dof in moving(rows) if rows[dof]["unit"] == unit}
+        for unit in DISPLAY_UNITS[::3]
+    ]
+    shown = [panel for panel in shown if panel]
+    layout = Layout(1, 3.9, 1.25, gap_y=0.55, left=0.4, right=0.2, bottom=0.45, top=0.35)
+    figure, axes = layout.make(len(shown))
+    for ax, panel in zip(axes, shown, strict=True):
+        plot_reach(panel, ax=ax)
+    handles = [Line2D([], [], linestyle="", label=name, **style) for name, style in _drawn(axes)]
+    figure.legend(handles=handles, **LEGEND | {"loc": "upper left", "bbox_to_anchor": (0, 1)})
     return figure
+
+
+def _drawn(axes: list[Axes]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """What the legend has to explain."""
+    labels = {label for ax in axes for label in ax.get_legend_handles_labels()[1]}
+    for name, style in REACH_STYLES.items():
+        if name in labels:
+            yield name, {**style, "markersize": min(style["markersize"], 10)}
 
 
 def draw_budgets(rows: Rows) -> Figure:
@@ -230,7 +259,3 @@ def list_figures(assessed: Mapping[str, Any]) -> list[FigureOrder]:
         "behind": partial(draw_behind, assessed["families"], rows),
     }
     return [FigureOrder(kind, CAPTIONS[kind], drawing) for kind, drawing in draw.items()]
-
-
-def _below(dof: str, row: Mapping[str, Any]) -> str:
-    return f"{DOF_LABELS[dof]}\n{row['forecast_rms']:.2g} {row['unit']}"

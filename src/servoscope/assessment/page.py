@@ -1,21 +1,26 @@
-"""What an assessment found, as a section of a page and as tables."""
+"""What an assessment found, as a verdict, the sections of a page and tables."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from servoscope.assessment.disturbed import TITLES
+from servoscope.assessment.verdict import arrives
 from servoscope.poses import DOF_LABELS
-from servoscope.report.page import Part, Section, heading, paragraph
+from servoscope.report.page import Part, Section, Verdict, paragraph
 from servoscope.report.table import NONE, Cell, Table
 from servoscope.wording import plain_number
 
 if TYPE_CHECKING:
     from servoscope.report.figure import FigureFile
+
+    Figures = Mapping[str, FigureFile]
 
 REGRESSORS = {
     "gaussian_process": "Gaussian process (default)",
@@ -32,22 +37,67 @@ FEWEST = 12
 Row = dict[str, Any]
 
 
-def assessment_section(assessed: Row, figures: list[FigureFile]) -> Section:
-    """Everything that a page shows of an assessment."""
-    parts: list[Part] = [paragraph(assessed["conclusion"], "conclusion")]
-    parts += [paragraph(warning, "warning") for warning in assessed["warnings"]]
-    parts += [decision_table(assessed), *figures]
-    parts += [heading("Every family of features"), families_table(assessed)]
+def assessment_verdict(assessed: Row) -> Verdict:
+    """Whether the robot will be accurate enough, and what to do next."""
+    said, _, step = assessed["conclusion"].rstrip(".").partition("; next: ")
+    state = _state(assessed)
+    if state != "open":
+        answer = "Yes, accurate enough" if state == "yes" else "No, not accurate enough yet"
+        advice = (row["advice"][0] for row in assessed["dofs"].values() if row["advice"])
+        return Verdict(f"{answer}: {said}.", f"{step or next(advice, 'take more images')}.", state)
+    step = "say which errors are allowed: assess again with --tolerance, such as t=1mm,rz=0.2deg"
+    return Verdict(f"No tolerance was given. {said}.", f"{step}.")
+
+
+def _state(assessed: Row) -> Literal["yes", "no", "open"]:
+    if not _dofs(assessed):
+        return "no"
+    met = "met_in_one_look" if assessed["loop"] is None else "met_in_loop"
+    asked = [row[met] for row in assessed["dofs"].values() if row["tolerance"] is not None]
+    if not asked:
+        return "no" if _is_hopeless(assessed) else "open"
+    return "yes" if all(asked) else "no"
+
+
+def _is_hopeless(assessed: Row) -> bool:
+    """Whether neither features nor a keyframe read anything."""
+    rows = (assessed["dofs"][dof] for dof in _dofs(assessed))
+    return assessed["loop"] is None and all(row["observable"] == "not" for row in rows)
+
+
+def assessment_first(assessed: Row, figures: Figures) -> list[Part]:
+    """The first screen of a page: what has to be known before, the decision, its picture."""
+    warnings = [paragraph(warning, "warning") for warning in assessed["warnings"]]
+    return [*warnings, decision_table(assessed), *_those(figures, "reach")]
+
+
+def assessment_sections(assessed: Row, figures: Figures) -> list[Section]:
+    """Everything else that a page shows of an assessment."""
+    behind: list[Part] = [details_table(assessed), *_those(figures, "budgets")]
+    families: list[Part] = [families_table(assessed), *_those(figures, "behind")]
     if agreement := describe_agreement(_pairs(assessed)):
-        parts.append(agreement)
-    if assessed["regressors"]:
-        of = "the features chosen for each degree of freedom"
-        parts += [heading("Regressors"), _regressors_table(assessed, "regressors", of)]
-    if assessed["regressors_on_moments"]:
-        of = "the paper's geometric moments"
-        parts.append(_regressors_table(assessed, "regressors_on_moments", of))
-    parts += [heading("When images are disturbed"), disturbed_table(assessed)]
-    return Section("What each degree of freedom will reach", parts, "decision")
+        families.append(agreement)
+    sections = [
+        Section("What limits each degree of freedom, and what would help", behind, "limits"),
+        Section("Every family of features, and more images", families, "families"),
+    ]
+    regressors = [
+        _regressors_table(assessed, key, of)
+        for key, of in (
+            ("regressors", "the features chosen for each degree of freedom"),
+            ("regressors_on_moments", "the paper's geometric moments"),
+        )
+        if assessed[key]
+    ]
+    if regressors:
+        sections.append(Section("Regressors", regressors, "regressors"))
+    disturbed = disturbed_table(assessed)
+    return [*sections, Section("When images are disturbed", [disturbed], "disturbed")]
+
+
+def _those(figures: Figures, name: str) -> list[Part]:
+    """A figure, if it was drawn."""
+    return [figures[name]] if name in figures else []
 
 
 def reach_cells(row: Row) -> tuple[str, str, str, str]:
@@ -83,23 +133,36 @@ def reach_table(assessed: Row) -> Table:
 
 
 def decision_table(assessed: Row) -> Table:
-    """Everything that is decided on a dof, in a row."""
+    """What is needed of each dof, what it reaches, and what would help."""
+    return Table(
+        ["Dof", "Needed", "Loop ends at", "One look", "View allows", "What would help"],
+        [_decision(dof, row, assessed["loop"]) for dof, row in assessed["dofs"].items()],
+        "",
+        "RMS errors on new images. Loop: where the rehearsed closed loop ends. One look: of one "
+        "image, by a keyframe of the view or by features, whichever erred less on test images, "
+        "with its 90 % interval. View: no estimate from one image errs less (Cramér-Rao bound).",
+        align="lrrrrl",
+        name="decision-table",
+        style="decision",
+    )
+
+
+def details_table(assessed: Row) -> Table:
+    """What informs each dof, what limits it, and everything that would help."""
     images = assessed["images"]
     rendered = f" and {images['n_rendered']} rendered ones" if images.get("n_rendered") else ""
     return Table(
-        ["Dof", "Tolerance", "One look", "Loop ends at", "View allows", "Features, forecast",
-         "Features, measured", "Observable", "Limited by", "Best features", "What would help"],
-        [_decision(dof, row) for dof, row in assessed["dofs"].items()],
+        ["Dof", "One look by", "Features, forecast", "Features, measured", "Observable",
+         "Limited by",
+         "Best features", "What would help"],
+        [_details(dof, row) for dof, row in assessed["dofs"].items()],
         "",
-        "RMS errors on new images. One look: of one image, by a keyframe of the view or by "
-        "features, whichever erred less on test images, with its 90 % interval. Loop: where the "
-        "rehearsed closed loop ends. View: what no estimate from one image goes below (Cramér-Rao "
-        "bound of the grey levels at the reference). Features: forecast before anything was "
-        "trained, with its 90 % interval, and measured on test images. "
+        "RMS errors of features, forecast before anything was trained, with its 90 % interval, and "
+        "measured on test images. "
         f"{images['n_train'] + images['n_validation']} images{rendered} to learn from, "
         f"{images['n_test']} to test on{_pooled(images)}.",
-        align="lrrrrrrl",
-        name="decision-table",
+        align="llrrl",
+        name="details-table",
         style="decision",
     )  # fmt: skip
 
@@ -198,24 +261,51 @@ def _met(text: str, met: bool | None) -> Cell:
     return Cell(text, below="met") if met else Cell(text, mark="missed", below="missed")
 
 
-def _decision(dof: str, row: Row) -> list[str | Cell]:
-    tolerance, look, loop, limit = reach_cells(row)
-    forecast = Cell(NONE)
+def _decision(dof: str, row: Row, loop: Row | None) -> list[str | Cell]:
+    is_met = row["met_in_loop"] if loop is not None else row["met_in_one_look"]
+    return [
+        DOF_LABELS[dof],
+        _number(row["tolerance"], row["unit"]),
+        _loop_end(row, loop),
+        _look(row),
+        _number(row["view_limit"], row["unit"]),
+        "nothing more needed" if is_met else "".join(row["advice"][:1]) or NONE,
+    ]
+
+
+def _loop_end(row: Row, loop: Row | None) -> Cell:
+    if loop is None or row["loop"] is None:
+        return Cell(NONE)
+    end = _number(row["loop"]["end_rms"], row["unit"])
+    if not arrives(loop):
+        n_starts = loop["starts"]
+        n_arrived = round(loop["success"] * n_starts)
+        return Cell(end, mark="missed", below=f"only {n_arrived} of {n_starts} arrive")
+    return _met(end, row["met_in_loop"])
+
+
+def _look(row: Row) -> Cell:
+    if row["one_look"] is None:
+        return Cell(NONE)
+    low, high = map(plain_number, row["one_look"]["interval"])
+    met = _met(_number(row["one_look"]["rms"], row["unit"]), row["met_in_one_look"])
+    return replace(met, below=f"{low} to {high}" + f", {met.below}" * bool(met.below))
+
+
+def _details(dof: str, row: Row) -> list[str | Cell]:
+    forecast, reached = Cell(NONE), NONE
     if row["forecast_rms"] is not None:
         low, high = map(plain_number, row["interval"])
         forecast = Cell(_number(row["forecast_rms"], row["unit"]), below=f"{low} to {high}")
-    features = Cell(row.get("family", NONE), below=", ".join(row["best_features"]))
+        reached = _number(row["reached_rms"], row["unit"])
     return [
         DOF_LABELS[dof],
-        tolerance,
-        _met(look, row["met_in_one_look"]),
-        _met(loop, row["met_in_loop"]),
-        limit,
+        NONE if row["one_look"] is None else row["one_look"]["by"],
         forecast,
-        NONE if row["forecast_rms"] is None else _number(row["reached_rms"], row["unit"]),
+        reached,
         row["observable"],
         row["limited_by"],
-        features,
+        Cell(row.get("family", NONE), below=", ".join(row["best_features"])),
         "\n".join(row["advice"]),
     ]
 

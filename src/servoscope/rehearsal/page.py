@@ -28,9 +28,10 @@ from servoscope.report.figure import (
     new_mosaic,
     plot_mosaic,
 )
-from servoscope.report.page import Section, pairs, write_page
+from servoscope.report.page import Section, Verdict, pairs, write_page
 from servoscope.report.table import Table, write_tables
 from servoscope.scoreboard.trial import SUCCESS_DEG, SUCCESS_MM
+from servoscope.wording import listing
 
 LEGEND = (
     f"arrive: starts that ended under {SUCCESS_MM:g} mm and under {SUCCESS_DEG:g} deg; the "
@@ -88,7 +89,7 @@ def plot_success(results: Results, *, enough: float, ax: Axes | None = None) -> 
 
 def draw_success(results: Results, enough: float) -> Figure:
     """The chart of `plot_success`."""
-    layout = Layout(1, 4.6, 0.24 * len(results) + 0.1, left=1.0, bottom=0.45, top=0.1, right=0.15)
+    layout = Layout(1, 3.1, 0.24 * len(results) + 0.1, left=1.0, bottom=0.45, top=0.1, right=0.15)
     figure, (ax,) = layout.make(1)
     plot_success(results, enough=enough, ax=ax)
     return figure
@@ -150,6 +151,7 @@ def rehearsal_table(rehearsal: Mapping[str, Any]) -> Table:
             for name, numbers in rehearsal["results"].items()
         ],
         f"{rehearsal['starts']} starts each, range 1.0: {range_text(rehearsal['ranges'])}",
+        LEGEND,
         align="l",
     )  # fmt: skip
 
@@ -170,13 +172,38 @@ def write_rehearsal(
     figures = draw_figures(orders, folder / "figures", n_jobs=1)
     write_tables(folder / "rehearsal.md", [table], words=[rehearsal["verdict"], LEGEND])
     timings = {"Time by stage [s]": rehearsal["timings_s"].items()}
+    success, *others = figures
     sections = [
-        Section("What would arrive", [table, f"{LEGEND} Seed {rehearsal['seed']}."]),
-        *(Section(figure.caption.title, [figure]) for figure in figures),
-        Section("How it was made", [MADE, pairs(timings)]),
+        *(Section(figure.caption.title, [figure]) for figure in others),
+        Section("How it was made", [MADE, pairs(timings), f"Seed {rehearsal['seed']}."]),
     ]
-    path, title = folder / "rehearsal.html", f"Rehearsal of {rehearsal['model']}"
-    return write_page(path, title, sections, kind="rehearse", lead=rehearsal["verdict"])
+    return write_page(
+        folder / "rehearsal.html",
+        f"Rehearsal of {rehearsal['model']}",
+        rehearsal_verdict(rehearsal),
+        [table, success],
+        sections,
+        kind="rehearse",
+        lead="Whether the camera would arrive at its reference view, under each condition, in "
+        "images rendered of that view.",
+    )
+
+
+def rehearsal_verdict(rehearsal: Mapping[str, Any]) -> Verdict:
+    """Whether the camera would arrive, and what to do next."""
+    results = rehearsal["results"]
+    weak = [name for name, of in results.items() if of["success"] < ENOUGH * of["trials"]]
+    wrong = [name for name, of in results.items() if of["wrongly_converged"]]
+    said = rehearsal["verdict"]
+    if not weak and not wrong:
+        return Verdict(f"Yes. {said}", "position the robot: servoscope position MODEL.", "yes")
+    keep = f"keep {listing(list(dict.fromkeys([*wrong, *weak])))} away from the robot, or "
+    known = "range_1.0" in results and "range_1.0" not in (*weak, *wrong)
+    step = (
+        "rehearse from nearer, servoscope rehearse MODEL --range-mm --range-deg, or train on more "
+        "images."
+    )
+    return Verdict(f"No, not safely. {said}", f"{keep}{step}" if known else step, "no")
 
 
 def range_text(ranges: Mapping[str, Mapping[str, Any]]) -> str:

@@ -42,6 +42,9 @@ GREY = 40
 DPI = 144
 """Pixels per inch of the files; the page shows them at 96, so they stay sharp in print."""
 
+WIDE = 640
+"""A figure wider than so many px scrolls on a phone: its letters would be too small."""
+
 GAP, TITLE = 0.1, 0.2
 """Space between the pictures of a mosaic, and above each, as shares of a picture's width."""
 
@@ -92,12 +95,17 @@ class FigureFile:
         if self.caption.paper_figure:
             of = f"Counterpart of the paper's figure {self.caption.paper_figure}."
             words += f' <span class="quiet">{of}</span>'
-        return (
-            f"<figure>\n"
+        image = (
             f'<img src="data:image/png;base64,{base64.b64encode(self.png).decode("ascii")}" '
-            f'width="{self.width}" height="{self.height}" alt="{escape(self.caption.alt)}">\n'
-            f"<figcaption>{words}</figcaption>\n</figure>"
+            f'width="{self.width}" height="{self.height}" alt="{escape(self.caption.alt)}">'
         )
+        if self.width > WIDE:
+            label = escape(self.caption.title)
+            image = (
+                f'<div class="scroll wide" role="region" aria-label="{label}" tabindex="0">\n'
+                f"{image}\n</div>"
+            )
+        return f"<figure>\n{image}\n<figcaption>{words}</figcaption>\n</figure>"
 
     def __html__(self) -> Markup:
         return Markup(self.to_html())  # noqa: S704

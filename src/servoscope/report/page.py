@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from servoscope.report.table import Table
 from servoscope.storage.folders import write_text
-
-CONTENTS_FROM = 5
-"""A page of so many sections lists them after the first."""
 
 
 class Shown(Protocol):
@@ -30,19 +27,42 @@ Part = str | Shown
 
 @dataclass(frozen=True)
 class Section:
-    """A section of a page: its title, its parts, and the name of its place on the page."""
+    """A section of a page: its title, its parts, and the name of its place on the page.
+
+    It is folded to its title until it is opened or printed.
+    """
 
     title: str
     parts: Sequence[Part]
     name: str = ""
 
 
+@dataclass(frozen=True)
+class Verdict:
+    """What a page answers, in a line; what to do next; and whether the answer is yes, no or open.
+
+    Whoever reads it sees no colour: the line itself says which it is.
+    """
+
+    answer: str
+    next_step: str
+    state: Literal["yes", "no", "open"] = "open"
+
+
 def write_page(
-    path: Path, title: str, sections: Sequence[Section], *, kind: str, lead: str
+    path: Path,
+    title: str,
+    verdict: Verdict,
+    first: Sequence[Part],
+    sections: Sequence[Section],
+    *,
+    kind: str,
+    lead: str,
 ) -> Path:
     """Write a page, whole or not at all; every value is escaped.
 
-    `kind` is what wrote it, `lead` what it says, in a sentence.
+    `kind` is what wrote it, `lead` what it is about, in a sentence. The verdict and `first`, a
+    table and a picture, are the first screen and the first sheet; `sections` fold away below.
     """
     environment = Environment(
         loader=PackageLoader("servoscope.report"),
@@ -51,11 +71,15 @@ def write_page(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    facts: dict[str, Any] = {"title": title, "kind": kind, "lead": lead}
-    shown = [(section, [as_html(part) for part in section.parts]) for section in sections]
-    is_sortable = any('<table class="sortable' in part for _, parts in shown for part in parts)
-    facts |= {"sections": shown, "contents_from": CONTENTS_FROM, "is_sortable": is_sortable}
-    write_text(path, environment.get_template("page.html").render(facts))
+    page = environment.get_template("page.html").render(
+        title=title,
+        kind=kind,
+        lead=lead,
+        verdict=verdict,
+        first=map(as_html, first),
+        sections=[(section, [*map(as_html, section.parts)]) for section in sections],
+    )
+    write_text(path, page)
     return path
 
 

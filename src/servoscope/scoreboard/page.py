@@ -24,8 +24,8 @@ from servoscope.report.figure import (
     dress,
     new_axes,
 )
-from servoscope.report.page import Section, bullets, pairs, write_page
-from servoscope.report.table import Cell, Table, write_tables
+from servoscope.report.page import Section, Verdict, bullets, pairs, write_page
+from servoscope.report.table import NONE, Cell, Table, write_tables
 from servoscope.scoreboard.methods import METHODS
 from servoscope.scoreboard.summary import Trials
 
@@ -39,7 +39,14 @@ LEGEND = (
 SHOWN = ("range_1.0", "gain_0.8", "covered_10", "noise_10")
 """The conditions whose trajectories are drawn."""
 
-CAPTION = Caption(
+SUCCESS = Caption(
+    "Starts that arrive, by condition",
+    "Share of the starts that end under 1 mm and under 0.1 deg; the table has the numbers.",
+    "Charts with a row for each condition, one for each scene: the share of the starts that arrive "
+    "by each method.",
+)
+
+TRAJECTORIES = Caption(
     "Trajectories",
     "True position error from image to image: thick the median of all starts, thin some of the "
     "starts. The level line is 1 mm.",
@@ -66,6 +73,36 @@ METHOD_STYLES: dict[str, dict[str, Any]] = {
 MOST_STARTS = 12
 SUCCESS_MM = 1.0
 LEAST_MM = 0.01
+
+
+def plot_success(
+    results: Mapping[str, Mapping[str, Any]], *, title: str = "", ax: Axes | None = None
+) -> Axes:
+    """Share of the starts that arrive, by condition and method."""
+    ax = new_axes() if ax is None else ax
+    dress(ax, title=title)
+    for method, style in METHOD_STYLES.items():
+        rows = [(k, of[method]) for k, of in enumerate(results.values()) if of.get(method)]
+        shares = [100 * numbers["success"] / numbers["trials"] for _, numbers in rows]
+        look = {"linestyle": "", "markersize": 6, "fillstyle": "none", "label": method}
+        ax.plot(shares, [row for row, _ in rows], **{**style, **look})
+    ax.set(xlim=(-4, 104), ylim=(len(results) - 0.5, -0.5))
+    ax.set_yticks(range(len(results)), list(results))
+    ax.grid(axis="y", color="#d5d9dd", linewidth=0.6)
+    return ax
+
+
+def draw_success(scenes: Mapping[str, Mapping[str, Any]]) -> Figure:
+    """A panel for each scene, one above the other, with one legend."""
+    height = 0.19 * max(map(len, scenes.values())) + 0.1
+    layout = Layout(1, 3.2, height, gap_y=0.5, left=1.1, right=0.15, bottom=0.45, top=0.55)
+    figure, axes = layout.make(len(scenes))
+    for ax, (scene, results) in zip(axes, scenes.items(), strict=True):
+        plot_success(results, title=TITLES[scene], ax=ax)
+    axes[-1].set_xlabel("starts that arrive [%]", fontsize=SMALL, color=INK, labelpad=2)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="upper left", ncols=3, fontsize=SMALL, frameon=False)
+    return figure
 
 
 def plot_trajectories(paths: Paths, *, title: str = "", ax: Axes | None = None) -> Axes:
@@ -131,16 +168,54 @@ def scoreboard_table(scoreboard: dict[str, Any], scene: str) -> Table:
     return Table(["condition", *METHODS], rows, TITLES[scene], align="l")
 
 
+def overview_table(scoreboard: dict[str, Any]) -> Table:
+    """A row for each scene and method: all conditions together, and the end from the full range."""
+    rows: list[list[str | Cell]] = []
+    for scene, by_condition in scoreboard["results"].items():
+        for method in METHODS:
+            numbers = [of[method] for of in by_condition.values() if of.get(method)]
+            if not numbers:
+                continue
+            success, trials = (sum(of[key] for of in numbers) for key in ("success", "trials"))
+            full = by_condition.get("range_1.0", {}).get(method)
+            ends = NONE if full is None else f"{full['final_mm_median']:.2g}"
+            moves = NONE if full is None else _moves(full)
+            rows.append([f"{TITLES[scene]}: {method}", f"{success}/{trials}", ends, moves])
+    return Table(
+        ["Scene: method", "Arrive", "End [mm]", "Moves"],
+        rows,
+        "",
+        "Starts that end under 1 mm and under 0.1 deg, under all conditions together; and median "
+        "end of all starts, and moves of those that arrive, under range_1.0.",
+        align="lr",
+        name="overview-table",
+    )
+
+
+def scoreboard_verdict(scoreboard: dict[str, Any]) -> Verdict:
+    """Whether every target is reached, or which are missed."""
+    targets = scoreboard["targets"]
+    missed = [target for target in targets if not target["reached"]]
+    step = "rehearse on the view of your own robot: servoscope rehearse MODEL."
+    if not missed:
+        return Verdict(f"Yes, servoscope reaches all {len(targets)} targets.", step, "yes")
+    first = "; ".join(target_text(target).removeprefix("MISSED: ") for target in missed[:2])
+    more = f"; and {len(missed) - 2} more" if len(missed) > 2 else ""
+    said = f"No, servoscope misses {len(missed)} of {len(targets)} targets: {first}{more}."
+    return Verdict(said, f"see all targets below; {step}", "no")
+
+
 def write_scoreboard(
     folder: Path, scoreboard: dict[str, Any], trials: Mapping[str, Trials]
 ) -> Path:
-    """Write ``scoreboard.html``, which needs nothing else, ``scoreboard.md`` and the figure;
+    """Write ``scoreboard.html``, which needs nothing else, ``scoreboard.md`` and the figures;
     returns the page.
     """
-    draw = partial(draw_trajectories, _panels(trials))
-    figures = draw_figures(
-        [FigureOrder("trajectories", CAPTION, draw)], folder / "figures", n_jobs=1
-    )
+    orders = [
+        FigureOrder("success", SUCCESS, partial(draw_success, scoreboard["results"])),
+        FigureOrder("trajectories", TRAJECTORIES, partial(draw_trajectories, _panels(trials))),
+    ]
+    success, trajectories = draw_figures(orders, folder / "figures", n_jobs=1)
     tables = [scoreboard_table(scoreboard, scene) for scene in scoreboard["results"]]
     targets = [target_text(target) for target in scoreboard["targets"]]
     said = "\n".join(f"- {target}" for target in targets)
@@ -155,13 +230,20 @@ def write_scoreboard(
         "Machine": scoreboard["machine"].items(),
     }
     sections = [
+        Section("Targets", [bullets(targets)], "targets"),
         Section("Starts that arrive", [legend, *tables]),
-        Section("Trajectories", figures),
-        Section("Targets", [bullets(targets)]),
+        Section("Trajectories", [trajectories]),
         Section("How it was made", [pairs(made)]),
     ]
-    path, title = folder / "scoreboard.html", "Scoreboard of positioning"
-    return write_page(path, title, sections, kind="benchmark positioning", lead=LEAD)
+    return write_page(
+        folder / "scoreboard.html",
+        "Scoreboard of positioning",
+        scoreboard_verdict(scoreboard),
+        [overview_table(scoreboard), success],
+        sections,
+        kind="benchmark positioning",
+        lead=LEAD,
+    )
 
 
 def target_text(target: dict[str, Any]) -> str:
@@ -176,11 +258,14 @@ def target_text(target: dict[str, Any]) -> str:
 def _said(numbers: dict[str, Any] | None) -> str:
     if numbers is None:
         return "-"
-    moves = "-" if numbers["moves_median"] is None else f"{numbers['moves_median']:g}"
     return (
-        f"{numbers['success']}/{numbers['trials']}, {moves} moves, "
+        f"{numbers['success']}/{numbers['trials']}, {_moves(numbers)} moves, "
         f"{numbers['final_mm_median']:.3g} mm, {numbers['final_deg_median']:.2g} deg"
     )
+
+
+def _moves(numbers: dict[str, Any]) -> str:
+    return "-" if numbers["moves_median"] is None else f"{numbers['moves_median']:g}"
 
 
 def _panels(trials: Mapping[str, Trials]) -> dict[str, Paths]:

@@ -14,10 +14,24 @@ from markupsafe import Markup
 
 from servoscope import __version__
 from servoscope.assessment.figures import list_figures as assessment_figures
-from servoscope.assessment.page import assessment_section, describe_agreement
+from servoscope.assessment.page import (
+    assessment_first,
+    assessment_sections,
+    assessment_verdict,
+    describe_agreement,
+)
 from servoscope.poses import DISPLAY_UNITS, DOF_LABELS, DOFS
 from servoscope.report.figure import FigureFile, draw_figures
-from servoscope.report.page import Part, Section, bullets, heading, pairs, paragraph, write_page
+from servoscope.report.page import (
+    Part,
+    Section,
+    Verdict,
+    bullets,
+    heading,
+    pairs,
+    paragraph,
+    write_page,
+)
 from servoscope.report.table import Cell, Table, write_tables
 from servoscope.study.agreement import (
     Finding,
@@ -213,15 +227,18 @@ def write_run_page(path: Path, run: RunData, files: list[FigureFile]) -> Path:
     name = name_data_set(run.summary["dataset"]["source"])
     height, width = run.summary["dataset"]["image_shape"]
     n_images = f"{run.summary['dataset']['n_images']} images of {width} × {height} px"
-    sections = []
     if run.assessed is not None:
-        shown = [figures[kind] for kind in ("reach", "budgets", "behind") if kind in figures]
-        sections.append(assessment_section(run.assessed, shown))
+        kind, verdict = "assessment", assessment_verdict(run.assessed)
+        first = assessment_first(run.assessed, figures)
+        sections = assessment_sections(run.assessed, figures)
         lead = (
             "How accurately each degree of freedom of the camera can be read from an image, what "
             f"limits it, and what would help: {n_images} at known displacements."
         )
     else:
+        kind, verdict = "study", _study_verdict(run)
+        first = [errors_table(run.units[0], "result"), figures["reference"]]
+        sections = []
         lead = (
             "Which image features inform how far a camera is from its reference view, and how "
             f"accurately: {n_images} at known displacements, four families of features, one small "
@@ -230,8 +247,14 @@ def write_run_page(path: Path, run: RunData, files: list[FigureFile]) -> Path:
     sections += _study_sections(run, figures) if run.units else []
     left_out = None if run.units else run.summary.get("study_left_out")
     sections.append(_making(run, left_out))
-    kind = "study" if run.assessed is None else "assessment"
-    return write_page(path, f"{kind.capitalize()}: {name}", sections, kind=kind, lead=lead)
+    title = f"{kind.capitalize()}: {name}"
+    return write_page(path, title, verdict, first, sections, kind=kind, lead=lead)
+
+
+def _study_verdict(run: RunData) -> Verdict:
+    accuracy, *_ = describe_accuracy(run.units[0])
+    step = "assess images of your own robot and view: servoscope assess FOLDER."
+    return Verdict(accuracy, step)
 
 
 def _study_sections(run: RunData, figures: Figures) -> list[Section]:
@@ -262,11 +285,11 @@ def _result(run: RunData, figures: Figures, findings: list[Finding]) -> Section:
         '<p class="quiet">{}. The published numbers are {} {} of {} statements of the paper hold '
         'here, {} hold in part: <a href="#agreement">what agrees with the paper</a>.</p>'
     ).format(unit.title, published, verdicts.count("yes"), len(verdicts), verdicts.count("partly"))
-    verdict = Markup("\n").join([*map(paragraph, describe_accuracy(unit)), hold])
-    beside = Markup('<div class="beside">\n{}\n<div class="verdict">\n{}\n</div>\n</div>')
-    title = "The result" if run.assessed is None else "The paper's study"
-    reference = beside.format(figures["reference"], verdict)
-    return Section(title, [reference, errors_table(unit, "result"), figures["errors"]], "result")
+    said: list[Part] = [*describe_accuracy(unit), hold]
+    if run.assessed is None:  # the table and the picture are on the first screen
+        return Section("The result", [*said, figures["errors"]], "result")
+    parts = [*said, figures["reference"], errors_table(unit, "result"), figures["errors"]]
+    return Section("The paper's study", parts, "result")
 
 
 def _agreement(run: RunData, findings: list[Finding]) -> Section:
