@@ -1,6 +1,6 @@
 // Where an image was taken, by an exported model: ./position model.onnx image.pgm
 //
-// Needs onnxruntime 1.17 or newer and C++20:
+// Needs onnxruntime 1.20 or newer and C++20:
 //     g++ -std=c++20 -I onnxruntime/include position.cpp -o position -l onnxruntime
 #include <onnxruntime_cxx_api.h>
 

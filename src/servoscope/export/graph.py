@@ -109,8 +109,14 @@ class Value:
         return self.graph.apply("Reshape", self, self.graph.constant(np.array(shape, np.int64)))
 
     def transpose(self, *axes: int) -> Value:
-        """With its axes in another order."""
-        return self.graph.apply("Transpose", self, perm=list(axes))
+        """With its axes in another order.
+
+        onnxruntime merges the operator ``Transpose`` with products, and many versions then lack
+        the product of double precision.
+        """
+        before = "abcd"[: len(axes)]
+        after = "".join(before[axis] for axis in axes)
+        return self.graph.apply("Einsum", self, equation=f"{before}->{after}")
 
     def cast(self, dtype: DTypeLike) -> Value:
         """As another type."""
@@ -226,7 +232,8 @@ class Graph:
 
         out = [self._new(dtype) for dtype in dtypes]
         names = ["" if value is None else value.name for value in inputs]
-        node = helper.make_node(kind, names, [value.name for value in out], **attributes)
+        made = [value.name for value in out]  # some versions of onnxruntime want nodes named
+        node = helper.make_node(kind, names, made, name=f"{kind}_{made[0]}", **attributes)
         self._scopes[-1].append(node)
         return out
 
