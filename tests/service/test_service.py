@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from servoscope.cli import main
 from servoscope.errors import InvalidInputError
 from servoscope.poses import displacements_from_poses
+from servoscope.positioning import Estimate
 from servoscope.service import server as server_module
 from servoscope.service.answers import LARGEST_BODY, Answers
 from servoscope.service.description import page
@@ -100,6 +101,24 @@ def test_deviations_of_dofs_that_are_not_read_are_null():
 def test_something_else_is_not_recognised(server):
     other = texture((48, 64), 77).astype(np.uint8)
     assert ask(server, "POST", "/estimate", encoded(other))[1]["is_recognised"] is False
+
+
+class OfFeatures:
+    """A model that knows no similarity, as those of features."""
+
+    kind, image_shape, pivot = "features", (48, 64), PIVOT
+    reference_image = np.zeros((48, 64), np.uint8)
+
+    def estimate(self, image):
+        return Estimate(np.eye(4), np.full(6, np.nan), float(image[0, 0]), "features")
+
+
+def test_a_model_without_similarities_is_judged_by_novelty():
+    answers = Answers(OfFeatures())
+    found = [answers.estimate(encoded(np.full((48, 64), k, np.uint8))) for k in (1, 2)]
+    assert [one["is_recognised"] for one in found] == [True, False]
+    assert found[0]["similarity"] is None
+    assert found[0]["std"] == [None] * 6
 
 
 @pytest.mark.parametrize(

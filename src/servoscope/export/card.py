@@ -39,7 +39,6 @@ def model_card(
 ) -> str:
     """The card as Markdown."""
     height, width = model.image_shape
-    similar = float(model.accuracy.get("least_similarity", 0.75))
     rows = [["`image`", "input", "uint8", f"{height} x {width}", "grey levels, row by row"]]
     rows += [
         [
@@ -63,8 +62,9 @@ def model_card(
         "\n".join(
             [
                 "- Stop if `is_recognised` is false: the image then shows something else, is "
-                f"covered, or was taken too far away (similarity below {similar:.4g}, or beyond "
-                "twice the range of translations or 1.5 times that of rotations).",
+                "covered, or was taken too far away (similarity below "
+                f"{model.least_similarity:.4g}, or beyond twice the range of translations or 1.5 "
+                "times that of rotations).",
                 "- Otherwise the camera is brought back by moving the robot by the inverse of "
                 "`displacement` in its own axes: `T_new = T_now @ inv(displacement)`.",
                 "- One look far from the reference is less accurate than one near it: look again "

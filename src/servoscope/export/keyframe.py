@@ -34,7 +34,6 @@ from servoscope.keyframe.levels import CUT, EVENED, FAINT, N_BLOCKS, PRIOR
 from servoscope.keyframe.robust import BEND
 from servoscope.positioning.first_guess import FirstGuess, bounds_of, small_shape
 from servoscope.positioning.keyframe_model import FARTHEST, KeyframeModel
-from servoscope.positioning.recognition import LEAST_SIMILARITY
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -205,14 +204,13 @@ class KeyframeGraph:
         view = recognition.view
         small = reduced(self.grey, self._shape, view.shape, view.sigma)
         similarity = recognition.similarity(small, T)
-        least = float(model.accuracy.get("least_similarity", LEAST_SIMILARITY))
         return {
             "displacement": displacement,
             "delta_p": delta_p,
             "deviation": deviation,
             "similarity": similarity,
             "novelty": novelty,
-            "is_recognised": (similarity >= least) & (novelty <= 1.0),
+            "is_recognised": (similarity >= model.least_similarity) & (novelty <= 1.0),
         }
 
     def _variance(self, T: Value, light: Value) -> Value:

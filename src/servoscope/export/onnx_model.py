@@ -20,7 +20,6 @@ from servoscope.export.keyframe import KeyframeGraph
 from servoscope.export.onnx_estimator import REFERENCE, OnnxEstimator, image_fact
 from servoscope.positioning.keyframe_model import KeyframeModel
 from servoscope.positioning.model import PositioningModel
-from servoscope.positioning.recognition import LEAST_SIMILARITY
 from servoscope.storage.folders import write_atomically, write_text
 
 OUTPUTS: dict[str, tuple[int, ...]] = {
@@ -90,16 +89,11 @@ def to_onnx(model: KeyframeModel) -> bytes:
         "dofs": json.dumps(list(model.dofs)),
         "pivot": json.dumps(model.pivot),
         "reach": json.dumps(model.reach.tolist()),
-        "least_similarity": json.dumps(least_similarity(model)),
+        "least_similarity": json.dumps(model.least_similarity),
         REFERENCE: image_fact(model.reference_image),
     }
     proto = graph.to_model("servoscope", [(image, model.image_shape)], outputs, facts)
     return bytes(proto.SerializeToString(deterministic=True))
-
-
-def least_similarity(model: PositioningModel) -> float:
-    """The similarity below which an image is of something else."""
-    return float(model.accuracy.get("least_similarity", LEAST_SIMILARITY))
 
 
 def export_onnx(

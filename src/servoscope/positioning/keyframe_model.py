@@ -106,6 +106,11 @@ class KeyframeModel(PositioningModel):
         """Distance along z of the point that displacements are taken about, [m]."""
         return self.keyframe.pivot
 
+    @property
+    def least_similarity(self) -> float:
+        """The similarity below which an image is of something else."""
+        return float(self.accuracy.get("least_similarity", LEAST_SIMILARITY))
+
     @classmethod
     def train(
         cls,
@@ -263,7 +268,7 @@ class KeyframeModel(PositioningModel):
             novelty=float(np.max(np.abs(shares))),
             stage="keyframe",
             similarity=self.recognition.similarity(image, found.displacement),
-            least_similarity=float(self.accuracy.get("least_similarity", LEAST_SIMILARITY)),
+            least_similarity=self.least_similarity,
         )
 
     @cached_property
