@@ -163,6 +163,18 @@ def test_too_much_is_refused_unread(server):
     connection.close()
 
 
+@pytest.mark.parametrize(("ends", "status"), [(True, b" 400 "), (False, b" 408 ")])
+def test_a_body_that_never_arrives_is_not_waited_for(server, monkeypatch, ends, status):
+    monkeypatch.setattr(server_module, "LONGEST_S", 0.0)
+    connection = socket.create_connection(server.server_address[:2], timeout=20)
+    head = b"POST /estimate HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000\r\n\r\n"
+    connection.sendall(head + b"P5" * (not ends))
+    if ends:
+        connection.shutdown(socket.SHUT_WR)
+    assert status in connection.recv(100)
+    connection.close()
+
+
 @pytest.mark.parametrize(
     ("method", "path", "headers", "status"),
     [

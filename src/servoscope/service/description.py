@@ -51,7 +51,7 @@ def openapi(size: tuple[int, int], needs_token: bool) -> dict[str, Any]:
                     "application/json": {"schema": {"$ref": "#/components/schemas/Estimate"}}
                 },
             },
-            **dict.fromkeys(("401", "403", "411", "413", "422", "503"), error),
+            **dict.fromkeys(("400", "401", "403", "408", "411", "413", "422"), error),
         },
     }
     components: dict[str, Any] = {

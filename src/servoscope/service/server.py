@@ -9,7 +9,9 @@ import socket
 import sys
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from io import BufferedReader
 from threading import BoundedSemaphore
+from time import monotonic
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -23,6 +25,9 @@ MOST_CONNECTIONS = 32
 
 SHORTEST_TOKEN = 16
 """Fewest characters of a token."""
+
+LONGEST_S = 30.0
+"""A body that takes longer to arrive is not waited for."""
 
 _TIMEOUT_S = 10.0
 
@@ -151,6 +156,7 @@ class Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     timeout = _TIMEOUT_S
     server: Server
+    rfile: BufferedReader
 
     def do_GET(self) -> None:
         """Answer a request that brings nothing."""
@@ -208,10 +214,19 @@ class Handler(BaseHTTPRequestHandler):
             raise Refused(411, "The Content-Length of the image is missing; send it.")
         if int(length) > LARGEST_BODY:
             raise Refused(413, f"An image may have {LARGEST_BODY} bytes, this has {length}.")
-        content = self.rfile.read(int(length))
-        if len(content) < int(length):
-            raise Refused(400, f"The body must have {length} bytes, got {len(content)}.")
-        self._send_json(200, self.server.answers.estimate(content))
+        self._send_json(200, self.server.answers.estimate(self._body(int(length))))
+
+    def _body(self, length: int) -> bytes:
+        until, parts, left = monotonic() + LONGEST_S, [], length
+        while left:
+            part = self.rfile.read1(left)
+            if not part:
+                raise Refused(400, f"The body must have {length} bytes, got {length - left}.")
+            parts.append(part)
+            left -= len(part)
+            if left and monotonic() > until:
+                raise Refused(408, f"The body took longer than {LONGEST_S:g} s.")
+        return b"".join(parts)
 
     def _health(self) -> None:
         self._send_json(200, self.server.answers.health())
