@@ -3,6 +3,7 @@ import re
 
 import pytest
 
+from browser import PHONE, SHEET, bottom_of, chromium, opened, sticks_out
 from html_page import Page, check_page
 from servoscope.commands.run_study import print_run
 from servoscope.errors import RunFolderError
@@ -45,6 +46,16 @@ def test_page_holds_every_table(shared_run):
 
 def test_page_can_be_read_by_anybody(report):
     check_page(report)
+
+
+def test_page_fits_a_phone_and_its_verdict_the_first_sheet(report):
+    with chromium() as browser, opened(browser, report, PHONE) as tab:
+        for summary in tab.locator("summary").all():
+            summary.click()
+        assert sticks_out(tab) <= 0
+        tab.emulate_media(media="print")
+        tab.set_viewport_size(SHEET)
+        assert bottom_of(tab, "#verdict") < SHEET["height"]
 
 
 def test_figures_are_in_the_page_and_in_the_folder_with_an_overview(page, report):

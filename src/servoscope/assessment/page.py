@@ -163,7 +163,7 @@ def details_table(assessed: Row) -> Table:
         f"{images['n_test']} to test on{_pooled(images)}.",
         align="llrrl",
         name="details-table",
-        style="decision",
+        style="decision wordy",
     )  # fmt: skip
 
 
