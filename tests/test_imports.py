@@ -34,6 +34,7 @@ ROOMS = (
     ("sensitivity",),
     ("scoreboard",),
     ("rehearsal",),
+    ("viewer",),
     ("assessment",),
     ("study",),
     ("commands",),

@@ -130,6 +130,7 @@ def _app() -> SubcommandApp:
     from servoscope.commands.serve import serve
     from servoscope.commands.study import report, study
     from servoscope.commands.train import train
+    from servoscope.commands.view import view
 
     app, formats, benchmarks = SubcommandApp(), SubcommandApp(), SubcommandApp()
     for name, import_format in import_commands().items():
@@ -141,6 +142,7 @@ def _app() -> SubcommandApp:
     app.command(_later(train))
     app.command(_later(rehearse))
     app.command(_later(position))
+    app.command(_later(view))
     app.command(_later(aim))
     app.command(_later(export))
     app.command(_later(serve))

@@ -162,12 +162,7 @@ def read_steps(folder: Folder) -> Iterator[tuple[Step, Image]]:
         If the log is missing, damaged, or of another version.
     """
     path = Path(folder)
-    run = read_json(path / "run.json", RunFolderError)
-    if run.get("version") != VERSION:
-        raise RunFolderError(
-            f"{path} is a log of version {run.get('version')!r}, this servoscope reads version "
-            f"{VERSION}."
-        )
+    _read_run(path)
     steps = path / "steps.jsonl"
     lines = read_bytes(steps, RunFolderError).split(b"\n")[:-1] if steps.exists() else []
     for number, line in enumerate(lines):
@@ -178,6 +173,44 @@ def read_steps(folder: Folder) -> Iterator[tuple[Step, Image]]:
                 f"Line {number + 1} of {steps} is damaged ({' '.join(str(error).split())}); "
                 "the lines before it are whole, so shorten the file to them."
             ) from error
+
+
+def read_reference(folder: Folder) -> tuple[Image, float]:
+    """The reference image of a log, and the distance of its pivot, [m].
+
+    Raises
+    ------
+    RunFolderError
+        If the log is missing, damaged, or of another version.
+    """
+    path = Path(folder)
+    run = _read_run(path)
+    try:
+        pivot = float(_array(run, "pivot", ()))
+        if not np.isfinite(pivot):
+            raise ValueError("the pivot must be finite")
+        return _read_image(path / "reference.png"), pivot
+    except (ValueError, TypeError, KeyError) as error:
+        raise RunFolderError(f"The log {path} is damaged ({words(error)}).") from error
+
+
+def read_end(folder: Folder) -> str | None:
+    """How the run of a log ended, in one line; None if it was cut short."""
+    path = Path(folder) / "result.json"
+    if not path.exists():
+        return None
+    result = read_json(path, RunFolderError)
+    return f"{result.get('status')}: {result.get('message')}"
+
+
+def _read_run(path: Path) -> dict[str, Any]:
+    run = read_json(path / "run.json", RunFolderError)
+    if run.get("version") != VERSION:
+        raise RunFolderError(
+            f"{path} is a log of version {run.get('version')!r}, this servoscope reads version "
+            f"{VERSION}."
+        )
+    return run
 
 
 def _read_step(record: dict[str, Any]) -> Step:
