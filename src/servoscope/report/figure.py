@@ -39,6 +39,9 @@ DOF_STYLES: dict[str, dict[str, Any]] = {
 GREY = 40
 """Pictures whose red and blue differ by no more than this are stored as grey: ink is tinted."""
 
+COLOURS = 96
+"""So many shades of a colour picture are stored: more are not told apart, and fill the page."""
+
 DPI = 144
 """Pixels per inch of the files; the page shows them at 96, so they stay sharp in print."""
 
@@ -154,12 +157,12 @@ def _write(out: BinaryIO, content: bytes) -> None:
 
 
 def _with_few_colours(pixels: NDArray[np.uint8]) -> Image.Image:
-    """All the greys of a grey picture, 256 colours of another: a third of the page's size."""
+    """All the greys of a grey picture, `COLOURS` of another: a quarter of the page's size."""
     image = Image.fromarray(np.ascontiguousarray(pixels))
     red, blue = pixels[..., 0].astype(np.int16), pixels[..., 2].astype(np.int16)
     if np.abs(red - blue).max() <= GREY:
         return image.convert("L")
-    return image.quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    return image.quantize(COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
 
 
 @dataclass(frozen=True)
