@@ -53,5 +53,9 @@ class CameraFaultError(ServoscopeError):
     """A camera cannot be reached, or gives no image."""
 
 
+class AcquisitionStoppedError(ServoscopeError):
+    """An acquisition was stopped; what was taken is on disk, and the same command goes on."""
+
+
 class ServoscopeWarning(UserWarning):
     """Something that did not stop the work but that its user should know."""

@@ -7,9 +7,14 @@ from planar import PIVOT, RANGES
 from planar_cell import T_WORLD_REF, Cell
 from servoscope import acquire_from
 from servoscope.acquisition.plan import Workspace
-from servoscope.acquisition.recording import Aborted, RecordingConfig, preview
+from servoscope.acquisition.recording import RecordingConfig, preview
 from servoscope.data.images import PoseImageSet
-from servoscope.errors import FolderExistsError, InvalidInputError, RobotFaultError
+from servoscope.errors import (
+    AcquisitionStoppedError,
+    FolderExistsError,
+    InvalidInputError,
+    RobotFaultError,
+)
 from servoscope.poses import is_rigid, pose_error
 from servoscope.robots.registry import make_robot
 from servoscope.scene.scene import Scene
@@ -70,7 +75,7 @@ def test_images_are_those_of_the_poses_and_the_robot_ends_at_the_reference(tmp_p
 def test_a_driver_that_stops_at_move_150_loses_nothing_and_goes_on(tmp_path) -> None:
     settings = {**SMALL, "n_images": 60, "max_step_mm": 4.0}
     robot = Driver(stops_at=150)
-    with pytest.raises(Aborted) as stopped:
+    with pytest.raises(AcquisitionStoppedError) as stopped:
         acquire_from(robot, robot, tmp_path / "part", **settings)
     message = str(stopped.value)
     assert "protective stop" in message
@@ -109,7 +114,7 @@ def test_a_pose_that_the_robot_cannot_reach_is_left_out(tmp_path) -> None:
 
 def test_ctrl_c_stops_the_robot_and_the_same_call_goes_on(tmp_path) -> None:
     robot = Driver(stops_at=20, error=KeyboardInterrupt)
-    with pytest.raises(Aborted, match=r"^Interrupted\. It was stopped"):
+    with pytest.raises(AcquisitionStoppedError, match=r"^Interrupted\. It was stopped"):
         acquire_from(robot, robot, tmp_path / "part", n_images=20, **SMALL)
     assert (robot.n_sent, robot.n_stopped) == (20, 1)
     assert len(acquire_from(robot, robot, tmp_path / "part", n_images=20, **SMALL)) == 20
@@ -129,10 +134,12 @@ def test_a_part_that_was_moved_is_noticed_and_images_since_then_are_taken_again(
         robot.is_pushed = n_done >= 15
 
     settings = {**SMALL, "n_images": 30, "check_every": 10}
-    with pytest.raises(Aborted, match=r"changed between image 10 and image 20.*10 of 30 images"):
+    with pytest.raises(
+        AcquisitionStoppedError, match=r"changed between image 10 and image 20.*10 of 30 images"
+    ):
         acquire_from(robot, robot, tmp_path / "part", on_progress=push, **settings)
     assert pose_error(T_WORLD_REF, robot.pose)[0] < 1e-9
-    with pytest.raises(Aborted, match="changed"):  # it is still there
+    with pytest.raises(AcquisitionStoppedError, match="changed"):  # it is still there
         acquire_from(robot, robot, tmp_path / "part", **settings)
     robot.is_pushed = False
     data = acquire_from(robot, robot, tmp_path / "part", **settings)
@@ -172,7 +179,9 @@ def test_a_camera_that_fails_ends_it_at_the_reference(tmp_path, image, reason) -
             return image if self.n_sent > 10 else super().read()
 
     robot = Failing()
-    with pytest.raises(Aborted, match=f"{reason}.*The robot is back at the reference"):
+    with pytest.raises(
+        AcquisitionStoppedError, match=f"{reason}.*The robot is back at the reference"
+    ):
         acquire_from(robot, robot, tmp_path / "part", n_images=20, **SMALL)
     assert pose_error(T_WORLD_REF, robot.pose)[0] < 1e-9
 
@@ -189,7 +198,7 @@ def test_a_frozen_camera_and_one_that_never_rests_are_refused(tmp_path) -> None:
             return Cell(0.2 * RANGES * self.shaken).read()
 
     for robot, reason in ((Frozen(), "frozen"), (Shaken(), "not come to rest")):
-        with pytest.raises(Aborted, match=reason):
+        with pytest.raises(AcquisitionStoppedError, match=reason):
             acquire_from(robot, robot, tmp_path / reason[:6], n_images=20, **SMALL)
 
 
@@ -248,7 +257,7 @@ def test_a_view_that_swings_is_waited_for(tmp_path) -> None:
 
 def test_nothing_moves_without_consent_or_out_of_the_workspace(tmp_path) -> None:
     robot = Driver()
-    with pytest.raises(Aborted, match="Nothing was moved"):
+    with pytest.raises(AcquisitionStoppedError, match="Nothing was moved"):
         acquire_from(robot, robot, tmp_path / "part", confirm=lambda plan: False, **SMALL)
     x, y, z = 1e3 * T_WORLD_REF[:3, 3]
     box = Workspace.parse(f"x={x - 10}:{x + 10},y={y - 10}:{y + 10},z={z - 10}:{z + 10}")
@@ -257,7 +266,7 @@ def test_nothing_moves_without_consent_or_out_of_the_workspace(tmp_path) -> None
     assert box.holds(np.array(robot.poses))
     robot.poses.append(robot.poses[-1] + np.diag([0, 0, 0, 0.0]))
     robot.poses[-1][0, 3] += 0.05
-    with pytest.raises(Aborted, match="outside the workspace"):
+    with pytest.raises(AcquisitionStoppedError, match="outside the workspace"):
         acquire_from(robot, robot, tmp_path / "other", n_images=10, workspace=box, **SMALL)
 
 
@@ -279,7 +288,7 @@ def test_colour_images_and_settings_that_are_none_are_refused(tmp_path) -> None:
             return np.dstack([super().read()] * 3)
 
     robot = Colour()
-    with pytest.raises(Aborted, match="grey images"):
+    with pytest.raises(AcquisitionStoppedError, match="grey images"):
         acquire_from(robot, robot, tmp_path / "part", **SMALL)
     for wrong in ({"translation_mm": -1}, {"check_every": 0}, {"n_images": 0}, {"dofs": ["w"]}):
         with pytest.raises(InvalidInputError):

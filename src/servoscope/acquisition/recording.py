@@ -20,11 +20,11 @@ from servoscope.data.pixel_noise import mean_image
 from servoscope.data.schedule import RECOMMENDED, Ring, Schedule, check_schedule, format_schedule
 from servoscope.dofs import check_dofs, mask_of
 from servoscope.errors import (
+    AcquisitionStoppedError,
     DataSetError,
     FolderExistsError,
     InvalidInputError,
     RobotFaultError,
-    ServoscopeError,
 )
 from servoscope.poses import (
     DOFS,
@@ -55,10 +55,6 @@ _MOVED, _ALIKE = 2e-3, 0.7
 _N_TRIES = 3
 _NOTICEABLE = 0.02
 _FEW, _MOST_REFUSED = 3, 0.2
-
-
-class Aborted(ServoscopeError):
-    """An acquisition that was stopped; what was taken is on disk, and the same command goes on."""
 
 
 @dataclass(frozen=True)
@@ -232,7 +228,7 @@ def acquire_from(
 
     Raises
     ------
-    Aborted
+    AcquisitionStoppedError
         If it was stopped: by a fault of the robot or the camera, by a part or a camera that was
         moved, by the user, or since `confirm` did not agree. The robot is back at the reference
         unless it is at fault or was stopped by the user.
@@ -314,10 +310,14 @@ class _Recording:
                 interruption.hold()
             except KeyboardInterrupt as error:
                 interruption.hold()
-                raise Aborted(f"Interrupted. {self._robot.stop()} {self._standing()}") from error
+                raise AcquisitionStoppedError(
+                    f"Interrupted. {self._robot.stop()} {self._standing()}"
+                ) from error
             except RunEnded as end:
                 interruption.hold()
-                raise Aborted(f"{end} {self._left(end.status)} {self._standing()}") from end
+                raise AcquisitionStoppedError(
+                    f"{end} {self._left(end.status)} {self._standing()}"
+                ) from end
             except BaseException:
                 interruption.hold()
                 self._robot.stop()
@@ -349,7 +349,7 @@ class _Recording:
                 "goes there first."
             )
         if confirm is not None and not confirm(self._plan):
-            raise Aborted("Nothing was moved: the plan was not confirmed.")
+            raise AcquisitionStoppedError("Nothing was moved: the plan was not confirmed.")
         self._begun = begun
         self._last = first, at
         if progress is None:

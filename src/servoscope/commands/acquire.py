@@ -197,15 +197,19 @@ def _take(
     from servoscope.acquisition.recording import RecordingConfig, acquire_from
     from servoscope.acquisition.recording import preview as previewed
     from servoscope.commands.output import confirmed, print_message, progress_bar
-    from servoscope.robots.devices import open_both, open_robot
+    from servoscope.errors import AcquisitionStoppedError
+    from servoscope.robots.devices import closing, open_both, open_robot
 
     config = RecordingConfig(**settings)
     if preview:
-        _show(previewed(open_robot(robot), config), out)
+        device = open_robot(robot)
+        with closing(device):
+            _show(previewed(device, config), out)
         return False
     device, taking = open_both(robot, camera)
 
     with ExitStack() as stack:
+        stack.enter_context(closing(device, taking))
         advances: list[Callable[[int], object]] = []
 
         def agreed(plan: Any) -> bool:
@@ -215,10 +219,16 @@ def _take(
                 advances.append(stack.enter_context(progress_bar("images", config.total)))
             return agrees
 
-        acquire_from(
-            device, taking, out, force=force, confirm=agreed, on_message=print_message,
-            on_progress=lambda n_done: advances[0](n_done), **settings,
-        )  # fmt: skip
+        try:
+            acquire_from(
+                device, taking, out, force=force, confirm=agreed, on_message=print_message,
+                on_progress=lambda n_done: advances[0](n_done), **settings,
+            )  # fmt: skip
+        except AcquisitionStoppedError as error:
+            if isinstance(error.__cause__, KeyboardInterrupt):
+                print_message(str(error))
+                raise KeyboardInterrupt from error
+            raise
     return True
 
 
