@@ -1,15 +1,48 @@
 """``servoscope view`` of what has been."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from planar import RANGES
 from planar_cell import Cell, Oracle
+from rehearsal_sample import model as rehearsal_model
 from servoscope.cli import main
+from servoscope.positioning import PositioningModel
 from servoscope.positioning.look_and_move import Positioner
 from servoscope.positioning.run_log import RunLog
+from servoscope.viewer.live import LiveRun
+from servoscope.viewer.replay import read_log
 
 pytest.importorskip("viser")
+
+TESTS = str(Path(__file__).parents[1])
+
+OWN = """
+import sys
+import numpy as np
+sys.path.append({tests!r})
+from rehearsal_sample import displacements, model
+
+class Cell:
+    made = []
+
+    def __init__(self):
+        self.pose, self.keyframe = displacements(1)[0], model().keyframe
+        self.moves = self.stops = 0
+        self.made.append(self)
+
+    def read(self):
+        return self.keyframe.render(self.pose)[0]
+
+    def move_to(self, pose):
+        self.moves, self.pose = self.moves + 1, pose
+
+    def stop(self):
+        self.stops += 1
+"""
 
 
 @pytest.fixture
@@ -63,3 +96,87 @@ def test_a_folder_that_is_no_log_is_one_line(tmp_path, capsys) -> None:
     np.save(tmp_path / "other.npy", np.zeros(3))
     assert main(["view", str(tmp_path)]) == 1
     assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    path = tmp_path_factory.mktemp("view") / "model"
+    rehearsal_model().save(path)
+    return path
+
+
+def pressing(monkeypatch, *buttons: str) -> list:
+    """Press buttons, one each time that the robot waits, and Ctrl-C at the end; the runs."""
+    runs, left = [], list(buttons)
+    first = LiveRun.__init__
+
+    def init(self, positioner, robot, camera, history, show, say, **options) -> None:
+        def say_and_press(words: str) -> None:
+            say(words)
+            if "press Step or Run" in words:
+                getattr(self, left.pop(0))()
+
+        first(self, positioner, robot, camera, history, show, say_and_press, **options)
+        runs.append(self)
+
+    monkeypatch.setattr(LiveRun, "__init__", init)
+    monkeypatch.setattr("servoscope.commands.view.wait_for_ctrl_c", lambda: None)
+    return runs
+
+
+def test_a_rehearsal_runs_as_the_buttons_say_and_its_log_can_be_shown(
+    model, tmp_path, monkeypatch, capsys
+) -> None:
+    runs = pressing(monkeypatch, "step", "run")
+    log = tmp_path / "log"
+    arguments = ["view", str(model), "--rehearse", "--port", "0", "--log", str(log)]
+    assert main(arguments) == 0
+    err = capsys.readouterr().err
+    assert "converged: " in err
+    history = runs[0].history
+    assert history.knows_truth
+    assert np.abs(history.looks[0].truth).max() > 1
+    for dof in ("tx", "rz"):
+        series = history.series(dof)
+        assert abs(series.truth[-1] - series.believed[-1]) < 0.2
+    shown = read_log(log, PositioningModel.load(model))
+    assert len(shown.looks) == len(history.looks)
+    np.testing.assert_allclose(shown.path(), history.path())
+
+
+def test_a_robot_of_ones_own_is_stopped_by_the_button_and_has_not_moved(
+    model, tmp_path, monkeypatch, capsys
+) -> None:
+    (tmp_path / "own_cell.py").write_text(OWN.format(tests=TESTS))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", list(sys.path))
+    pressing(monkeypatch, "stop")
+    assert main(["view", str(model), "--robot", "own_cell:Cell", "--port", "0"]) == 0
+    assert "interrupted: Interrupted by the user. It was stopped." in capsys.readouterr().err
+    own = sys.modules.pop("own_cell").Cell.made[0]
+    assert own.stops == 1
+    assert own.moves == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["--rehearse", "--robot", "free"], "leave --robot out"),
+        (["--rehearse", "--condition", "none"], "condition"),
+        (["--camera", "opencv:0"], "leave it out"),
+        (["--robot", "none"], "--robot must be"),
+        (["--condition", "none"], "--condition must be"),
+        ([], "no simulated robot"),
+        (["--model", "other"], "leave --model out"),
+    ],
+)
+def test_runs_that_cannot_be_are_one_line(model, capsys, arguments, reason) -> None:
+    assert main(["view", str(model), *arguments]) == 1
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert reason in err
+
+
+def test_a_log_is_not_run(log, capsys) -> None:
+    assert main(["view", str(log), "--rehearse"]) == 1
+    assert "needs a model" in capsys.readouterr().err

@@ -147,10 +147,10 @@ def position(
         raise InvalidInputError(
             f"--condition must be one of {', '.join(CONDITIONS)}, got {condition!r}."
         )
-    is_own = _is_own(robot)
-    if not is_own and camera is not None:
+    is_of_user = is_own(robot)
+    if not is_of_user and camera is not None:
         raise InvalidInputError("--camera is of robots of your own; leave it out.")
-    if is_own and (start is not None or condition != "range_1.0"):
+    if is_of_user and (start is not None or condition != "range_1.0"):
         raise InvalidInputError(
             "A robot of your own starts where it stands; leave --start and --condition out."
         )
@@ -177,7 +177,7 @@ def position(
         first_read_timeout_s=first_read_timeout_s,
         move_timeout_s=move_timeout_s,
     )
-    if robot is not None and is_own:
+    if robot is not None and is_of_user:
         result = _run_own(Positioner(trained, settings), robot, camera, dry_run, yes, log)
         facts = result.to_dict()
         print_json(facts) if json else _print_run(result)
@@ -190,10 +190,10 @@ def position(
                 "--condition is of simulated cells; leave it out with recorded images."
             )
         folder = Path(robot.removeprefix(_RECORDED))
-        recorded, T_ref = _recorded(trained, folder, start, seed)
+        recorded, T_ref = recorded_cell(trained, folder, start, seed)
         cell, settings = recorded, settings.for_poses_apart(*recorded.spacing())
     else:
-        cell, T_ref = _simulated_cell(trained, robot, condition, seed, start), T_WORLD_REF
+        cell, T_ref = simulated_cell(trained, robot, condition, seed, start), T_WORLD_REF
     result, distances = _run_known(Positioner(trained, settings), cell, T_ref, dry_run, log)
     if json:
         print_json({**result.to_dict(), "true_error": distances[-1]})
@@ -210,7 +210,7 @@ def _end(result: PositioningResult) -> None:
         raise ServoscopeError(f"{result.status}: {result.message}")
 
 
-def _is_own(robot: str | None) -> bool:
+def is_own(robot: str | None) -> bool:
     """Whether a robot is the user's own, neither simulated nor recorded."""
     from servoscope.robots.devices import ROBOT_KINDS, forms
     from servoscope.robots.registry import ROBOTS
@@ -225,7 +225,7 @@ def _is_own(robot: str | None) -> bool:
     return f"{kind}:" != _RECORDED
 
 
-def _recorded(
+def recorded_cell(
     model: PositioningModel, folder: Path, start: str | None, seed: int
 ) -> tuple[RecordedRobot, Any]:
     """A robot that lives in a recording of the model's reference, and the reference's pose."""
@@ -254,17 +254,18 @@ def _recorded(
     elif start in data.names:
         frame = list(data.names).index(start)
     else:
-        frame = _number(start, f"the number or the name of an image of {folder}")
+        frame = number(start, f"the number or the name of an image of {folder}")
     return RecordedRobot(data, frame), data.T_world_ref
 
 
-def _number(start: str, wanted: str) -> int:
+def number(start: str, wanted: str) -> int:
+    """The whole number that ``--start`` is; `wanted` says what it is the number of."""
     if not (start.isascii() and start.isdigit() and len(start) < 10):
         raise InvalidInputError(f"--start must be {wanted}, got {start!r}.")
     return int(start)
 
 
-def _simulated_cell(
+def simulated_cell(
     model: PositioningModel, robot: str | None, condition: str, seed: int, start: str | None
 ) -> SimulatedRobot:
     """The robot and the part of training, at a start and under a condition."""
@@ -292,7 +293,7 @@ def _simulated_cell(
         condition,
         height,
         seed,
-        0 if start is None else _number(start, "a number from 0"),
+        0 if start is None else number(start, "a number from 0"),
         dofs,
         PIVOT if dofs == DOFS else 1e-3 * float(source.get("pivot_mm", 1e3 * PIVOT)),
     )

@@ -1,0 +1,166 @@
+"""A run of the loop that a person commands: the robot moves on step and run alone."""
+
+from __future__ import annotations
+
+import _thread
+import signal
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from servoscope.errors import RobotFaultError
+from servoscope.positioning.interfaces import Array, Camera, Image, Robot
+from servoscope.positioning.look_and_move import Positioner
+from servoscope.positioning.result import PositioningResult, Step
+from servoscope.positioning.run import OnStep
+from servoscope.viewer.history import History, Look
+
+HELD, ONE_MOVE, RUNNING, STOPPED, OVER = "held", "one move", "running", "stopped", "over"
+
+_LONGEST_WAIT = 0.1
+"""Ctrl-C may not be heard while something is waited for, so that this is never done for long."""
+
+
+class LiveRun:
+    """One run of a positioner, which waits before each move until it may make it.
+
+    Step lets it make one move, and ends running; run lets it make all that follow. Stop ends the
+    run as Ctrl-C does, also within a move: the loop stops the robot. Moves that were not shown,
+    those back to the best view after a run that diverged, are made while running only.
+
+    Parameters
+    ----------
+    positioner : Positioner
+    robot : Robot
+    camera : Camera
+    history : History
+        Gains a look at each step.
+    show : callable
+        Called with the number of a look that is to be seen, from 0.
+    say : callable
+        Called with how it stands, in words.
+    truth : callable, optional
+        The displacement of the reported frame as it is, (4, 4), [m].
+    on_step : callable, optional
+        As of `Positioner.run`: called before a look is shown.
+    """
+
+    def __init__(
+        self,
+        positioner: Positioner,
+        robot: Robot,
+        camera: Camera,
+        history: History,
+        show: Callable[[int], object],
+        say: Callable[[str], object],
+        *,
+        truth: Callable[[], Array] | None = None,
+        on_step: OnStep | None = None,
+    ) -> None:
+        self.history = history
+        self._positioner, self._robot, self._camera = positioner, robot, camera
+        self._show, self._say, self._truth, self._on_step = show, say, truth, on_step
+        self._changed = threading.Condition()
+        self._state = HELD
+        self._is_allowed = False
+        self._thread: threading.Thread | None = None
+
+    def until_end(self) -> PositioningResult:
+        """Run until the loop ends or is stopped; in the main thread, so that Stop ends moves."""
+        self._thread = threading.current_thread()
+        gated: Any = _Gated(self._robot, self._check_allowed)
+        try:
+            result = self._positioner.run(gated, self._camera, on_step=self._look)
+        finally:
+            with self._changed:
+                self._state = OVER
+        self.history.end = f"{result.status}: {result.message}"
+        self._say(self.history.end)
+        return result
+
+    def step(self) -> None:
+        """Make one move and look; while running, hold at the next look."""
+        self._go_on(HELD if self._state == RUNNING else ONE_MOVE)
+
+    def run(self) -> None:
+        """Make all moves that follow."""
+        self._go_on(RUNNING)
+
+    def stop(self) -> None:
+        """End the run and stop the robot; if it has ended, or was stopped, stop the robot again."""
+        with self._changed:
+            is_first = self._state not in (STOPPED, OVER)
+            if is_first:
+                self._state = STOPPED
+            self._changed.notify_all()
+            if is_first and self._is_interrupted_by_a_signal():
+                _thread.interrupt_main()
+                return
+        getattr(self._robot, "stop", lambda: None)()
+
+    def seek(self, k: int) -> None:
+        """Show look `k`."""
+        self._show(min(max(int(k), 0), len(self.history.looks) - 1))
+
+    def _is_interrupted_by_a_signal(self) -> bool:
+        is_heard = signal.getsignal(signal.SIGINT) not in (signal.SIG_IGN, None)
+        return is_heard and self._thread is threading.main_thread()
+
+    def _go_on(self, state: str) -> None:
+        with self._changed:
+            if self._state not in (STOPPED, OVER):
+                self._state = state
+                self._changed.notify_all()
+
+    def _look(self, step: Step, image: Image) -> None:
+        if self._on_step is not None:
+            self._on_step(step, image)
+        truth = None if self._truth is None else self._truth()
+        look = Look.of_step(step, image, self.history.setting, truth)
+        self.history.looks.append(look)
+        self._show(len(self.history.looks) - 1)
+        if step.commanded is None:
+            self._say(look.words)
+            return
+        if self._state == HELD:
+            self._say(f"{look.words} The robot waits: press Step or Run.")
+        self._wait_until_allowed()
+        self._say(f"{look.words} The robot moves.")
+
+    def _wait_until_allowed(self) -> None:
+        with self._changed:
+            while self._state == HELD:
+                self._changed.wait(_LONGEST_WAIT)
+            if self._state == STOPPED:
+                raise KeyboardInterrupt("Stop")
+            self._is_allowed = True
+            if self._state == ONE_MOVE:
+                self._state = HELD
+
+    def _check_allowed(self) -> None:
+        """Raise if the robot may not move now; a move that was shown may be made once."""
+        with self._changed:
+            is_allowed, self._is_allowed = self._is_allowed, False
+            if self._state == STOPPED or not (is_allowed or self._state == RUNNING):
+                raise RobotFaultError(
+                    "the loop gave up and would drive back to the best view, which is done after "
+                    "Run alone"
+                )
+
+
+class _Gated:
+    """A robot that is asked whether it may move before every move."""
+
+    def __init__(self, robot: Robot, check: Callable[[], None]) -> None:
+        self._robot, self._check = robot, check
+
+    def __getattr__(self, name: str) -> Any:
+        value = getattr(self._robot, name)
+        if name not in ("move", "move_to"):
+            return value
+
+        def checked(pose: Array) -> Any:
+            self._check()
+            return value(pose)
+
+        return checked
