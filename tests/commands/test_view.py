@@ -1,5 +1,6 @@
 """``servoscope view`` of what has been."""
 
+import signal
 import sys
 from pathlib import Path
 
@@ -120,7 +121,7 @@ def pressing(monkeypatch, *buttons: str) -> list:
         runs.append(self)
 
     monkeypatch.setattr(LiveRun, "__init__", init)
-    monkeypatch.setattr("servoscope.commands.view.wait_for_ctrl_c", lambda: None)
+    monkeypatch.setattr("servoscope.commands.view.wait_for_ctrl_c", lambda: runs.append("waited"))
     return runs
 
 
@@ -150,12 +151,24 @@ def test_a_robot_of_ones_own_is_stopped_by_the_button_and_has_not_moved(
     (tmp_path / "own_cell.py").write_text(OWN.format(tests=TESTS))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.path", list(sys.path))
-    pressing(monkeypatch, "stop")
+    runs = pressing(monkeypatch, "stop")
     assert main(["view", str(model), "--robot", "own_cell:Cell", "--port", "0"]) == 0
     assert "interrupted: Interrupted by the user. It was stopped." in capsys.readouterr().err
     own = sys.modules.pop("own_cell").Cell.made[0]
     assert own.stops == 1
     assert own.moves == 0
+    assert runs[-1] == "waited"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_the_robot_waits_ends_the_command(
+    model, monkeypatch, capsys, number
+) -> None:
+    monkeypatch.setattr(LiveRun, "pressed", lambda self: signal.raise_signal(number), raising=False)
+    runs = pressing(monkeypatch, "pressed")
+    assert main(["view", str(model), "--rehearse", "--port", "0"]) == 0
+    assert "interrupted: Interrupted by" in capsys.readouterr().err
+    assert "waited" not in runs
 
 
 @pytest.mark.parametrize(

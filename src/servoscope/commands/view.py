@@ -175,6 +175,8 @@ def _run(
         browser.allow(step=False, run=False)
         if run_log is not None:
             run_log.finish(result)
+        if result.status == "interrupted" and not live.was_stopped:
+            return  # by Ctrl-C, which ends the command too
         wait_for_ctrl_c()
 
 

@@ -43,6 +43,11 @@ class LiveRun:
         The displacement of the reported frame as it is, (4, 4), [m].
     on_step : callable, optional
         As of `Positioner.run`: called before a look is shown.
+
+    Attributes
+    ----------
+    was_stopped : bool
+        Whether Stop was pressed before the end; another interruption is by a signal.
     """
 
     def __init__(
@@ -62,6 +67,7 @@ class LiveRun:
         self._show, self._say, self._truth, self._on_step = show, say, truth, on_step
         self._changed = threading.Condition()
         self._state = HELD
+        self.was_stopped = False
         self._is_allowed = False
         self._thread: threading.Thread | None = None
 
@@ -91,7 +97,7 @@ class LiveRun:
         with self._changed:
             is_first = self._state not in (STOPPED, OVER)
             if is_first:
-                self._state = STOPPED
+                self._state, self.was_stopped = STOPPED, True
             self._changed.notify_all()
             if is_first and self._is_interrupted_by_a_signal():
                 _thread.interrupt_main()
