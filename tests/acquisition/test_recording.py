@@ -8,6 +8,7 @@ from planar_cell import T_WORLD_REF, Cell
 from servoscope import acquire_from
 from servoscope.acquisition.plan import Workspace
 from servoscope.acquisition.recording import RecordingConfig, preview
+from servoscope.data import folder as dataset_folder
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import (
     AcquisitionStoppedError,
@@ -253,6 +254,34 @@ def test_a_view_that_swings_is_waited_for(tmp_path) -> None:
     data = acquire_from(robot, robot, tmp_path / "part", n_images=15, **{**SMALL, "settle_s": 5.0})
     for image, delta_p in zip(data.images, data.delta_p(), strict=True):
         assert np.sqrt(np.mean((image - Cell(delta_p).read().astype(float)) ** 2)) < 2.5
+
+
+@pytest.mark.parametrize("step", ["keep_reference", "keep_image", "write_progress"])
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_a_stop_while_writing_costs_nothing_that_is_there(
+    tmp_path, monkeypatch, step, error
+) -> None:
+    write, n_written = getattr(dataset_folder, step), 0
+
+    def fail(*arguments):
+        nonlocal n_written
+        n_written += 1
+        if n_written == (1 if step == "keep_reference" else 4):
+            raise error
+        write(*arguments)
+
+    robot = Driver()
+    with monkeypatch.context() as patch:
+        patch.setattr(dataset_folder, step, fail)
+        with pytest.raises(AcquisitionStoppedError) as stopped:
+            acquire_from(robot, robot, tmp_path / "part", n_images=8, **SMALL)
+    assert ("No space left" in str(stopped.value)) == isinstance(error, OSError)
+    if isinstance(error, OSError):
+        assert pose_error(T_WORLD_REF, robot.pose)[0] < 1e-9
+    data = acquire_from(robot, robot, tmp_path / "part", n_images=8, **SMALL)
+    assert list(data.names) == [f"{i:06d}" for i in range(8)]
+    for image, delta_p in zip(data.images, data.delta_p(), strict=True):
+        assert np.sqrt(np.mean((image - Cell(delta_p).read().astype(float)) ** 2)) < 2.0
 
 
 def test_nothing_moves_without_consent_or_out_of_the_workspace(tmp_path) -> None:

@@ -268,6 +268,9 @@ def _is_there(folder: Path, config: RecordingConfig, force: bool) -> bool:
             dataset_folder.forget_progress(folder)
             return True
     progress = dataset_folder.read_progress(folder)
+    if progress is not None and progress.plan == {"source": source}:  # stopped before it began
+        dataset_folder.remove(folder)
+        progress = None
     if progress is None or progress.plan.get("source") != source:
         if force:
             dataset_folder.remove(folder)
@@ -318,6 +321,12 @@ class _Recording:
                 raise AcquisitionStoppedError(
                     f"{end} {self._left(end.status)} {self._standing()}"
                 ) from end
+            except OSError as error:
+                interruption.hold()
+                raise AcquisitionStoppedError(
+                    f"{self._folder} cannot be written ({one_line(error)}); make room. "
+                    f"{self._left('disk')} {self._standing()}"
+                ) from error
             except BaseException:
                 interruption.hold()
                 self._robot.stop()
@@ -353,7 +362,7 @@ class _Recording:
         self._begun = begun
         self._last = first, at
         if progress is None:
-            dataset_folder.create(self._folder, config.total, shape, config.source())
+            dataset_folder.create(self._folder, config.total, shape, {"source": config.source()})
             dataset_folder.keep_reference(self._folder, begun.reference_image)
             self._note(begun)
         else:
