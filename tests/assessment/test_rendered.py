@@ -148,5 +148,6 @@ def test_forecasts_of_few_images_agree_with_what_other_real_images_show(few, sam
     errors = found.pipeline.predict(other.images) - other.delta_p()
     measured = np.sqrt(np.mean(errors**2, axis=0)) / other.ranges()
     forecast = np.array([one.rms[0] for one in found.decision.forecasts.values()])
-    assert forecast / measured == pytest.approx(np.ones(6), abs=0.5)
+    assert np.abs(np.log(forecast / measured)).max() < np.log(2.5)  # of 8 images
+    assert np.exp(np.mean(np.log(forecast / measured))) == pytest.approx(1, abs=0.5)
     assert found.view.n_read == 8

@@ -1,6 +1,7 @@
 """``servoscope acquire`` and what ``servoscope info`` tells of it."""
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -133,11 +134,13 @@ class Robot(Cell):
     def stop(self):
         print("stopped")
 """
-OWN = ("acquire", "out", "--robot", "my_cell:Robot", "--n-images", "6", "--translation-mm", "8")
+OWN = ("acquire", "out", "--robot", "my_press:Robot", "--n-images", "6", "--translation-mm", "8")
 
 
-def test_a_robot_of_ones_own_moves_once_it_is_agreed_to(capsys) -> None:
-    Path("my_cell.py").write_text(DRIVER)
+def test_a_robot_of_ones_own_moves_once_it_is_agreed_to(capsys, monkeypatch) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.delitem(sys.modules, "my_press", raising=False)
+    Path("my_press.py").write_text(DRIVER)
     assert main([*OWN, "--preview"]) == 0
     said = capsys.readouterr().out
     assert "farthest from the reference" in said
@@ -150,7 +153,7 @@ def test_a_robot_of_ones_own_moves_once_it_is_agreed_to(capsys) -> None:
     assert json.loads(out.removeprefix("stopped\n"))["images"] == 6
     assert "6 images, " in err
     assert main([*OWN, "--until", "t=1mm", "--yes"]) == 1
-    assert main(["acquire", "other", "--robot", "my_cell:None", "--yes"]) == 1
+    assert main(["acquire", "other", "--robot", "my_press:None", "--yes"]) == 1
 
 
 def test_a_simulated_acquisition_is_previewed_too(capsys) -> None:
