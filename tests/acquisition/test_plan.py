@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from servoscope.acquisition.plan import Draws, Plan, Workspace, travel_order, waypoints
+from servoscope.acquisition.plan import Draws, Plan, travel_order, waypoints
 from servoscope.data.schedule import Ring
 from servoscope.errors import InvalidInputError
 from servoscope.poses import pose_error, poses_from_displacements, rigid_transform
+from servoscope.positioning.workspace import Workspace
 
 PIVOT = 0.4
 RANGES = np.array([0.02] * 3 + [np.radians(10)] * 3)

@@ -6,7 +6,6 @@ import pytest
 from planar import PIVOT, RANGES
 from planar_cell import T_WORLD_REF, Cell
 from servoscope import acquire_from
-from servoscope.acquisition.plan import Workspace
 from servoscope.acquisition.recording import RecordingConfig, preview
 from servoscope.data import folder as dataset_folder
 from servoscope.data.images import PoseImageSet
@@ -17,6 +16,7 @@ from servoscope.errors import (
     RobotFaultError,
 )
 from servoscope.poses import is_rigid, pose_error
+from servoscope.positioning.workspace import Workspace
 from servoscope.robots.registry import make_robot
 from servoscope.scene.scene import Scene
 
@@ -293,6 +293,9 @@ def test_nothing_moves_without_consent_or_out_of_the_workspace(tmp_path) -> None
     assert robot.n_sent == 0
     acquire_from(robot, robot, tmp_path / "part", n_images=10, workspace=box, **SMALL)
     assert box.holds(np.array(robot.poses))
+    data = PoseImageSet.load(tmp_path / "part")
+    assert Workspace.of_source(data.source) == box
+    assert (data.ranges() <= np.abs(data.delta_p()).max(axis=0) * 1.001).all()
     robot.poses.append(robot.poses[-1] + np.diag([0, 0, 0, 0.0]))
     robot.poses[-1][0, 3] += 0.05
     with pytest.raises(AcquisitionStoppedError, match="outside the workspace"):

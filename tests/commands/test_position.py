@@ -85,7 +85,12 @@ def test_a_run_is_logged_and_replayed(cell, capsys, tmp_path) -> None:
 def test_people_are_shown_every_look(cell, capsys) -> None:
     code, out, _ = run(capsys, "position", cell / "model", "--condition", "gain_0.8")
     assert code == 0
-    for words in ("answered by", "predicted error: tx", "true error:", "converged:"):
+    for words in (
+        "answered by",
+        "predicted error about the pivot: tx",
+        "true error:",
+        "converged:",
+    ):
         assert words in out
 
 

@@ -22,6 +22,7 @@ from servoscope.poses import (
 from servoscope.positioning.interfaces import Estimate
 from servoscope.positioning.look_and_move import Positioner
 from servoscope.positioning.settings import LoopSettings
+from servoscope.positioning.workspace import Workspace
 from servoscope.robots.free_camera import FreeCamera, Repeatability
 from servoscope.scene.scene import T_WORLD_REF as SCENE_REF
 from servoscope.scene.scene import Scene
@@ -87,6 +88,18 @@ def test_a_dry_run_tells_the_move_and_makes_none() -> None:
 def test_a_dry_run_at_the_reference_has_converged() -> None:
     cell = Cell(np.zeros(6))
     assert Positioner(Oracle(cell)).run(cell, cell, dry_run=True).status == "converged"
+
+
+def test_the_robot_does_not_leave_its_workspace() -> None:
+    cell = Cell(START)
+    x = 1e3 * cell.pose[0, 3]
+    beside = Workspace.parse(f"x={x + 1}:{x + 500}")
+    for box, what in ((Workspace.parse(f"x={x - 1}:{x + 1}"), "would be sent"), (beside, "stands")):
+        result = Positioner(Oracle(cell), LoopSettings(robot_workspace=box)).run(cell, cell)
+        assert (result.status, result.moves) == ("out_of_workspace", 0)
+        assert f"{what} outside its workspace (x" in result.message
+    wide = LoopSettings(robot_workspace=Workspace.parse(f"x={x - 500}:{x + 500}"))
+    assert Positioner(Oracle(cell), wide).run(cell, cell).status == "converged"
 
 
 def test_long_steps_are_cut_and_still_arrive() -> None:

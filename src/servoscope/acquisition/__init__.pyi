@@ -1,5 +1,4 @@
 from .plan import Plan as Plan
-from .plan import Workspace as Workspace
 from .recording import RecordingConfig as RecordingConfig
 from .recording import acquire_from as acquire_from
 from .simulated import AcquisitionConfig as AcquisitionConfig

@@ -22,6 +22,7 @@ from servoscope.poses import (
     poses_from_displacements,
     rigid_transform,
 )
+from servoscope.positioning.workspace import UNLIMITED, Workspace
 from servoscope.storage.folders import write_atomically
 
 if TYPE_CHECKING:
@@ -86,63 +87,6 @@ class Draws(NamedTuple):
                 return r, i
             i -= ring.n_images
         raise IndexError(i)
-
-
-class Workspace(NamedTuple):
-    """A box in the robot's own coordinates, which the frame that it reports never leaves.
-
-    Parameters
-    ----------
-    low, high : ndarrays of shape (3,)
-        Corners, [m]; infinite where there is no limit.
-    """
-
-    low: Array
-    high: Array
-
-    @classmethod
-    def parse(cls, text: str) -> Workspace:
-        """The box that a text names, in millimetres.
-
-        Raises
-        ------
-        InvalidInputError
-            If it cannot be read.
-
-        Examples
-        --------
-        >>> Workspace.parse("x=300:700,z=100:600").high
-        array([0.7, inf, 0.6])
-        """
-        low, high = np.full(3, -np.inf), np.full(3, np.inf)
-        try:
-            for word in filter(None, text.replace(" ", "").split(",")):
-                axis, _, limits = word.partition("=")
-                k = ["x", "y", "z"].index(axis)
-                low[k], high[k] = (1e-3 * float(limit) for limit in limits.split(":"))
-        except ValueError:
-            low, high = np.ones(3), np.zeros(3)
-        if not (low < high).all():
-            raise InvalidInputError(
-                "A workspace must be limits in mm, the lower first, such as "
-                f"x=300:700,y=-200:200,z=100:600, got {text!r}."
-            )
-        return cls(low, high)
-
-    def holds(self, T: Array) -> bool:
-        """Whether the origin of a pose (4, 4), or of several, is inside."""
-        t = T[..., :3, 3]
-        return bool(((self.low <= t) & (t <= self.high)).all())
-
-    def __str__(self) -> str:
-        return ", ".join(
-            f"{axis} {1e3 * low:g} to {1e3 * high:g} mm"
-            for axis, low, high in zip("xyz", self.low, self.high, strict=True)
-            if np.isfinite([low, high]).any()
-        )
-
-
-UNLIMITED = Workspace(np.full(3, -np.inf), np.full(3, np.inf))
 
 
 @compiled()
@@ -365,7 +309,9 @@ class Plan:
 
     def __str__(self) -> str:
         f = self.facts()
+        x, y, z = 1e3 * self.T_world_ref[:3, 3]
         lines = [
+            f"reference: where the robot stands, at {x:.1f}, {y:.1f}, {z:.1f} mm",
             f"{f['images']} images, {f['moves']} moves, about {f['minutes']:.0f} min at 50 mm/s, "
             "15 deg/s and one second an image; the speed is the driver's",
             f"farthest from the reference: {f['farthest_mm']:.0f} mm and {f['farthest_deg']:.0f} "
@@ -373,7 +319,7 @@ class Plan:
             f"longest step {f['longest_step_mm']:.0f} mm, {f['longest_step_deg']:.0f} deg; "
             f"{f['travel_m']:.1f} m and {f['travel_deg']:.0f} deg in all",
         ]
-        if self.workspace is UNLIMITED or not str(self.workspace):
+        if not self.workspace.is_limited:
             lines.append(
                 "no workspace is given: --workspace x=300:700,z=100:600 is a box it never leaves"
             )

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.acquisition.plan import UNLIMITED, Draws, Plan, Workspace
+from servoscope.acquisition.plan import Draws, Plan
 from servoscope.data import folder as dataset_folder
 from servoscope.data.folder import Folder, Progress
 from servoscope.data.images import PoseImageSet
@@ -44,6 +44,7 @@ from servoscope.positioning.devices import (
 from servoscope.positioning.interfaces import Camera, Image, Robot
 from servoscope.positioning.reference_view import ReferenceView
 from servoscope.positioning.settings import LoopSettings
+from servoscope.positioning.workspace import UNLIMITED, Workspace
 from servoscope.wording import one_line
 
 Array = NDArray[np.float64]
@@ -170,13 +171,12 @@ class RecordingConfig:
         for name in ("n_images", "schedule", "workspace", "settle_s", "read_timeout_s"):
             del facts[name]
         del facts["move_timeout_s"], facts["check_every"]
-        limits = [[None if np.isinf(x) else float(x) for x in side] for side in self.workspace]
         return {
             "kind": "taken by a robot",
             **facts,
             "dofs": list(self.dofs),
             "rings": format_schedule(self.rings),
-            "workspace": limits,
+            "workspace": self.workspace.corners(),
         }
 
     def loop_settings(self) -> LoopSettings:
@@ -319,7 +319,7 @@ class _Recording:
             except RunEnded as end:
                 interruption.hold()
                 raise AcquisitionStoppedError(
-                    f"{end} {self._left(end.status)} {self._standing()}"
+                    f"{_sentence(end)} {self._left(end.status)} {self._standing()}"
                 ) from end
             except OSError as error:
                 interruption.hold()
@@ -416,7 +416,7 @@ class _Recording:
                 raise
             begun.refused.append(i)
             self._note(begun)
-            left_out = f"{end} Image {i}, to which it was on its way, is left out."
+            left_out = f"{_sentence(end)} Image {i}, to which it was on its way, is left out."
             if not self._may_go_on(begun, end, at):
                 raise RunEnded(end.status, left_out) from end
             self._say(left_out)
@@ -538,7 +538,7 @@ class _Recording:
                 self._robot.stop()
                 return "The robot is back at the reference."
             except RunEnded as end:
-                reason = f"On the way back: {end} "
+                reason = f"On the way back: {_sentence(end)} "
         stopped = self._robot.stop()
         try:
             distance, angle = pose_error(begun.T_world_ref, self._robot.pose)
@@ -572,7 +572,7 @@ class _Recording:
             times=None,
             meta={
                 "pivot": self._plan.pivot,
-                "pivot_ranges": max(ring.factor for ring in config.rings) * config.ranges,
+                "pivot_ranges": self._ranges(),
                 "split": "random",
                 **({"dofs": list(config.dofs)} if config.dofs != DOFS else {}),
                 "source": {
@@ -584,6 +584,13 @@ class _Recording:
                 },
             },
         )
+
+    def _ranges(self) -> Array:
+        """The range that was drawn from, or what a workspace left of it, (6,)."""
+        asked = max(ring.factor for ring in self._config.rings) * self._config.ranges
+        if not self._plan.n_outside:
+            return asked
+        return np.minimum(asked, np.abs(self._plan.displacements).max(axis=0))
 
 
 class _Begun(NamedTuple):
@@ -645,6 +652,12 @@ def _has_changed(before: Image, image: Image) -> bool:
     except InvalidInputError:  # nothing is seen before
         return True
     return arrival.is_displaced(compared) or compared.matched < _ALIKE
+
+
+def _sentence(end: RunEnded) -> str:
+    """Why it ended, with a full stop: drivers say what they like."""
+    text = str(end)
+    return text if text.endswith((".", "!", "?")) else f"{text}."
 
 
 def _sharpness(image: Image) -> float:

@@ -110,7 +110,7 @@ def acquire(
     """
     from servoscope.acquisition import AcquisitionConfig
     from servoscope.acquisition import acquire as acquire_images
-    from servoscope.acquisition.plan import Plan, Workspace
+    from servoscope.acquisition.plan import Plan
     from servoscope.acquisition.until import FIRST, MOST_IMAGES, acquire_until
     from servoscope.commands.info import describe_data_set
     from servoscope.commands.options import n_jobs
@@ -119,6 +119,7 @@ def acquire(
     from servoscope.dofs import parse_accuracy, parse_dofs
     from servoscope.errors import InvalidInputError
     from servoscope.poses import DOFS
+    from servoscope.positioning.workspace import Workspace
     from servoscope.robots.registry import ROBOTS
 
     rings = () if schedule is None else parse_schedule(schedule)

@@ -84,6 +84,7 @@ def position(
     max_step_mm: float | None = None,
     max_step_deg: float | None = None,
     workspace_margin: float = 1.6,
+    workspace: str = "",
     execution_mm: float = 0.5,
     execution_deg: float = 0.1,
     least_similarity: float | None = None,
@@ -122,6 +123,8 @@ def position(
         max_step_mm: Longer steps are cut to this; by default the farthest that the model was made
             for.
         max_step_deg: The same for their rotation.
+        workspace: A box in mm of the robot's coordinates that the reported frame never leaves, such
+            as x=300:700,z=150:600; by default that in which the images were taken.
         workspace_margin: The poses stay in a box around the start, so many times the range that
             the model was made for.
         execution_mm: A move may end so far from where it was sent, or a fifth of it if that is
@@ -140,6 +143,7 @@ def position(
     from servoscope.dofs import parse_tolerances
     from servoscope.positioning import LoopSettings, Positioner, PositioningModel
     from servoscope.positioning.interfaces import dofs_of
+    from servoscope.positioning.workspace import Workspace
     from servoscope.scene.scene import T_WORLD_REF
     from servoscope.scoreboard.cell import CONDITIONS
 
@@ -169,6 +173,9 @@ def position(
         max_step_mm=max_step_mm,
         max_step_deg=max_step_deg,
         workspace_margin=workspace_margin,
+        robot_workspace=Workspace.parse(workspace)
+        if workspace
+        else Workspace.of_source(trained.trained_on),
         execution_mm=execution_mm,
         execution_deg=execution_deg,
         least_similarity=least_similarity,
@@ -378,11 +385,13 @@ def _first_move(commanded: Any, positioner: Positioner) -> str:
     length, angle = settings.step_limits(estimator.reach, estimator.pivot)
     box = DISPLAY_FACTORS * settings.workspace(estimator.reach, estimator.pivot)
     sides = ", ".join("any" if np.isinf(side) else f"{side:.0f}" for side in box)
+    fence = settings.robot_workspace
+    inside = f", and within {fence} of the robot's coordinates" if fence.is_limited else ""
     return (
         f"The first move is {x:+.1f}, {y:+.1f}, {z:+.1f} mm along and {rx:+.1f}, {ry:+.1f}, "
         f"{rz:+.1f} deg about the axes of the frame that the robot reports. There are at most "
         f"{settings.max_moves} moves, none longer than {1e3 * length:.0f} mm or "
-        f"{np.degrees(angle):.0f} deg, all within {sides} (mm, deg) of where it stands."
+        f"{np.degrees(angle):.0f} deg, all within {sides} (mm, deg) of where it stands{inside}."
     )
 
 
@@ -444,7 +453,8 @@ def _print_run(
     out.print(table)
     left = zip(DOFS, DISPLAY_FACTORS * result.predicted_error, DISPLAY_UNITS, strict=True)
     said = [f"{dof} {e:.3f} {unit}" for dof, e, unit in left if dof in result.dofs]
-    out.print("predicted error:", ", ".join(said))
+    if np.isfinite(result.predicted_error).any():
+        out.print("predicted error about the pivot:", ", ".join(said))
     if distances is not None:
         out.print(f"true error: {distances[-1]['mm']:.3f} mm, {distances[-1]['deg']:.3f} deg")
     out.print(f"{result.status}: {result.message}")

@@ -68,7 +68,10 @@ class RunLog:
             "image_shape": list(estimator.image_shape),
             "pivot": float(estimator.pivot),
             "reach": plain(estimator.reach),
-            "settings": asdict(positioner.settings),
+            "settings": {
+                **asdict(positioner.settings),
+                "robot_workspace": positioner.settings.robot_workspace.corners(),
+            },
         }
         write_json(self.path / "run.json", facts)
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DOFS, displacement_ranges
+from servoscope.positioning.workspace import UNLIMITED, Workspace
 
 Array = NDArray[np.float64]
 
@@ -22,6 +23,9 @@ ORDINARY_MISS = {"mm": 0.5, "deg": 0.1}
 
 LEAST_BOX = np.array([5e-3] * 3 + [np.radians(1.0)] * 3)
 """The least that a workspace measures from its middle, by dof, [m] and [rad]."""
+
+
+_NO_NUMBERS = ("tolerances", "robot_workspace")
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,8 @@ class LoopSettings:
         A longer step is cut to this; by default the farthest that the estimator was made for.
     workspace_margin : float
         The poses stay in a box around the start, this many times the estimator's reach.
+    robot_workspace : Workspace
+        A box in the robot's coordinates that the reported frame never leaves.
     novelty_limit : float
         The most unlike the training images that an image may be.
     least_similarity : float, optional
@@ -105,6 +111,7 @@ class LoopSettings:
     max_step_mm: float | None = None
     max_step_deg: float | None = None
     workspace_margin: float = 1.6
+    robot_workspace: Workspace = UNLIMITED
     novelty_limit: float = 1.0
     least_similarity: float | None = None
     least_usable: float = 0.7
@@ -122,7 +129,7 @@ class LoopSettings:
     execution_deg: float = ORDINARY_MISS["deg"]
 
     def __post_init__(self) -> None:
-        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "tolerances"}
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _NO_NUMBERS}
         optional = {f.name for f in fields(self) if "None" in str(f.type)}
         if not isinstance(self.tolerances, Mapping):
             raise InvalidInputError(
