@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -349,6 +349,7 @@ MOST_IMAGES = 13 * (6 + 8)
 share = st.sampled_from([0.0, 1e-4, 1e-3, 1e-2, 0.05, 0.1, 0.3])
 
 
+@example(start=0.0, seed=6, off=0.01, std=0.0, is_finest=0.5, tolerance_mm=None, noise=0.0)
 @settings(max_examples=60, deadline=None)
 @given(
     start=share,

@@ -451,7 +451,8 @@ class Run:
         margin = self.settings.growth if self.steps[-1].estimate.is_finest else 0.0
         if errors[-1] <= errors[best] + margin:
             return
-        for step in reversed(self.steps[best:-1]):
+        moved_from = [step for step in self.steps[best:-1] if step.executed is not None]
+        for step in reversed(moved_from):
             here = self.robot.pose
             self.robot.move(inverse_transform(here) @ step.pose, here)
         self.returned_to = best
