@@ -44,7 +44,7 @@ class Workspace(NamedTuple):
             for word in filter(None, text.replace(" ", "").split(",")):
                 axis, _, limits = word.partition("=")
                 k = ["x", "y", "z"].index(axis)
-                low[k], high[k] = (1e-3 * float(limit) for limit in limits.split(":"))
+                low[k], high[k] = (float(limit) / 1e3 for limit in limits.split(":"))
         except ValueError:
             low, high = np.ones(3), np.zeros(3)
         if not (low < high).all():
