@@ -51,7 +51,6 @@ class Oracle:
     reference_image = planar_images(np.zeros((1, 6)), SIZE, seed=3)[0]
     pivot = PIVOT
     reach = RANGES
-    trained_on: dict = {}  # noqa: RUF012
 
     def __init__(
         self,

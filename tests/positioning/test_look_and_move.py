@@ -98,8 +98,11 @@ def test_the_robot_does_not_leave_its_workspace() -> None:
         result = Positioner(Oracle(cell), LoopSettings(robot_workspace=box)).run(cell, cell)
         assert (result.status, result.moves) == ("out_of_workspace", 0)
         assert f"{what} outside its workspace (x" in result.message
+    known = Oracle(cell)  # of images that were taken in a box
+    known.trained_on = {"workspace": beside.corners()}
+    assert Positioner(known).run(cell, cell).status == "out_of_workspace"
     wide = LoopSettings(robot_workspace=Workspace.parse(f"x={x - 500}:{x + 500}"))
-    assert Positioner(Oracle(cell), wide).run(cell, cell).status == "converged"
+    assert Positioner(known, wide).run(cell, cell).status == "converged"
 
 
 def test_long_steps_are_cut_and_still_arrive() -> None:

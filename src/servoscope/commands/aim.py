@@ -50,7 +50,7 @@ def aim(
     Args:
         tolerance_mm: The camera is back if it is nearer than this to where it was.
         tolerance_deg: The same for its direction.
-        least_similarity: Least likeness of an image with what is expected, from 0 to 1; by default
+        least_similarity: Least similarity of an image to what is expected, 0 to 1; by default
             what the model states.
         once: Read one image, and end.
     """
@@ -146,8 +146,8 @@ def _shown(reading: Aim, settings: Any, out: Console) -> RenderableType:
     lines: list[RenderableType] = [Text(reading.message, style=_STYLES[reading.status])]
     if np.isfinite(reading.estimate.similarity):
         least = _least(reading, settings)
-        likeness = f"similarity {reading.estimate.similarity:.2f}, at least {least:.2f} needed"
-        lines.append(Text(likeness))
+        similarity = f"similarity {reading.estimate.similarity:.2f}, at least {least:.2f} needed"
+        lines.append(Text(similarity))
     return Group(table, *lines)
 
 

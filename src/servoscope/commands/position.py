@@ -130,7 +130,7 @@ def position(
         execution_mm: A move may end so far from where it was sent, or a fifth of it if that is
             more.
         execution_deg: The same for its rotation.
-        least_similarity: Least likeness of an image with what is expected, from 0 to 1; by default
+        least_similarity: Least similarity of an image to what is expected, 0 to 1; by default
             what the model states.
         final_images: Images that are averaged where the camera seems to have arrived.
         read_timeout_s: How long an image or a pose may take.
@@ -173,9 +173,7 @@ def position(
         max_step_mm=max_step_mm,
         max_step_deg=max_step_deg,
         workspace_margin=workspace_margin,
-        robot_workspace=Workspace.parse(workspace)
-        if workspace
-        else Workspace.of_source(trained.trained_on),
+        robot_workspace=Workspace.parse(workspace) if workspace else None,
         execution_mm=execution_mm,
         execution_deg=execution_deg,
         least_similarity=least_similarity,
@@ -385,7 +383,7 @@ def _first_move(commanded: Any, positioner: Positioner) -> str:
     length, angle = settings.step_limits(estimator.reach, estimator.pivot)
     box = DISPLAY_FACTORS * settings.workspace(estimator.reach, estimator.pivot)
     sides = ", ".join("any" if np.isinf(side) else f"{side:.0f}" for side in box)
-    fence = settings.robot_workspace
+    fence = settings.robot_box(estimator)
     inside = f", and within {fence} of the robot's coordinates" if fence.is_limited else ""
     return (
         f"The first move is {x:+.1f}, {y:+.1f}, {z:+.1f} mm along and {rx:+.1f}, {ry:+.1f}, "

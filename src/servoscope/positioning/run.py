@@ -432,11 +432,12 @@ class Run:
         T_start, T_next = self.steps[0].pose, self.steps[-1].pose @ commanded
         if reason := guard.workspace_fault(T_start, T_next, box):
             return RunEnded("out_of_workspace", reason)
+        workspace = self.settings.robot_box(self.estimator)
         for what, T in (("stands", self.steps[-1].pose), ("would be sent", T_next)):
-            if not self.settings.robot_workspace.holds(T):
+            if not workspace.holds(T):
                 reason = (
-                    f"The robot {what} outside its workspace ({self.settings.robot_workspace}); "
-                    "move it inside, or widen the workspace."
+                    f"The robot {what} outside its workspace ({workspace}); move it inside, or "
+                    "widen the workspace."
                 )
                 return RunEnded("out_of_workspace", reason)
         return commanded

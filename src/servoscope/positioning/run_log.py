@@ -70,7 +70,7 @@ class RunLog:
             "reach": plain(estimator.reach),
             "settings": {
                 **asdict(positioner.settings),
-                "robot_workspace": positioner.settings.robot_workspace.corners(),
+                "robot_workspace": positioner.settings.robot_box(positioner.estimator).corners(),
             },
         }
         write_json(self.path / "run.json", facts)

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from numbers import Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.errors import InvalidInputError
 from servoscope.poses import DOFS, displacement_ranges
-from servoscope.positioning.workspace import UNLIMITED, Workspace
+from servoscope.positioning.workspace import Workspace
 
 Array = NDArray[np.float64]
 
@@ -52,8 +53,9 @@ class LoopSettings:
         A longer step is cut to this; by default the farthest that the estimator was made for.
     workspace_margin : float
         The poses stay in a box around the start, this many times the estimator's reach.
-    robot_workspace : Workspace
-        A box in the robot's coordinates that the reported frame never leaves.
+    robot_workspace : Workspace, optional
+        A box in the robot's coordinates that the reported frame never leaves; by default that in
+        which the images of the model were taken.
     novelty_limit : float
         The most unlike the training images that an image may be.
     least_similarity : float, optional
@@ -111,7 +113,7 @@ class LoopSettings:
     max_step_mm: float | None = None
     max_step_deg: float | None = None
     workspace_margin: float = 1.6
-    robot_workspace: Workspace = UNLIMITED
+    robot_workspace: Workspace | None = None
     novelty_limit: float = 1.0
     least_similarity: float | None = None
     least_usable: float = 0.7
@@ -196,6 +198,12 @@ class LoopSettings:
             float(np.linalg.norm(ranges[:3])) if mm is None else mm / 1e3,
             float(np.linalg.norm(ranges[3:])) if deg is None else float(np.radians(deg)),
         )
+
+    def robot_box(self, estimator: Any) -> Workspace:
+        """The box in the robot's coordinates that it does not leave with an estimator."""
+        if self.robot_workspace is not None:
+            return self.robot_workspace
+        return Workspace.of_source(getattr(estimator, "trained_on", {}))
 
     def workspace(self, reach: Array, pivot: float) -> Array:
         """Half-widths of the box around the start, camera form, shape (6,), [m] and [rad].
