@@ -65,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second would disturb the end
         stop_processes()
-        code = _fail("interrupted; what is finished is kept, and can be gone on with", 130)
+        code = _fail("interrupted; what is finished is kept", 130)
         if not is_whole_process:
             signal.signal(signal.SIGINT, before)
         return code

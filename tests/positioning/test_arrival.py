@@ -4,17 +4,16 @@ import numpy as np
 import pytest
 
 from planar import PIVOT, RANGES
-from servoscope.poses import (
-    poses_from_displacements,
-    rigid_transform,
-)
+from servoscope.poses import inverse_transform, poses_from_displacements, rigid_transform
 from servoscope.positioning.arrival import (
     asks_for_a_move,
     is_noise_only,
     is_within_tolerance,
+    scatter,
     unread,
 )
 from servoscope.positioning.interfaces import Estimate
+from servoscope.positioning.result import Step
 from servoscope.positioning.settings import LoopSettings
 
 
@@ -92,3 +91,30 @@ def test_a_mean_beyond_its_noise_asks_for_a_move_unless_a_tolerance_is_met() -> 
     assert not asks(1.6, LoopSettings(), 2 * noise)
     still = _estimate(noise, believed)
     assert not asks_for_a_move(still, still, n, PIVOT, LoopSettings(), None)
+
+
+N_IMAGES, NOISE = 8, 2e-4 * RANGES
+
+
+def _scatter(robot: float, rng) -> np.ndarray:
+    """Of a robot that scatters by so many deviations of one image, over looks of one image each.
+
+    The last look is the mean of several.
+    """
+    steps = []
+    for i in range(5):
+        true = robot * NOISE * rng.normal(size=6)
+        images = NOISE * rng.normal(size=(N_IMAGES if i == 4 else 1, 6))
+        seen = _estimate(true + images.mean(axis=0), 3 * NOISE)
+        first = _estimate(true + images[0], NOISE).displacement if i == 4 else None
+        moved = inverse_transform(seen.displacement)
+        steps.append(Step(np.eye(4), 0.0, seen, moved, moved, 0.0, None, first))
+    found = scatter(steps, LoopSettings(final_images=N_IMAGES), PIVOT)
+    return np.full(6, np.nan) if found is None else found / NOISE
+
+
+def test_the_noise_of_single_images_is_no_scatter_of_the_robot() -> None:
+    rng = np.random.default_rng(0)
+    still, wide = (np.stack([_scatter(s, rng) for _ in range(100)]) for s in (0.0, 8.0))
+    assert np.nanmedian(np.sqrt(np.mean(still**2, axis=1))) == 0
+    assert np.sqrt(np.nanmean(wide**2)) == pytest.approx(8, rel=0.15)

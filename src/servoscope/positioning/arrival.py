@@ -146,17 +146,30 @@ def asks_for_a_move(
     """
     if settings.has_tolerance and is_within_tolerance(mean.displacement, settings, pivot):
         return False
-    both = np.stack([first.displacement, mean.displacement])
+    noise = _noise_of_mean(first.displacement, mean, n_images, pivot)
+    known = np.isfinite(noise)
+    if not known.any():
+        return False
+    robot = settings.repeatability(pivot) if scatter is None else scatter
+    variance = noise[known] + robot[known] ** 2
+    if not (variance > 0).all():
+        return False
+    delta_p = displacements_from_poses(np.eye(4), mean.displacement[None], pivot)[0]
+    return bool(np.mean(delta_p[known] ** 2 / variance) > _SIGNIFICANT**2)
+
+
+def _noise_of_mean(first: Array, mean: Estimate, n_images: int, pivot: float) -> Array:
+    """Variance of the mean of several images, (6,), by how much that of the first differs from it.
+
+    In shares of what is believed of each dof; NaN where nothing is.
+    """
+    both = np.stack([first, mean.displacement])
     delta_p = displacements_from_poses(np.eye(4), both, pivot)
     known = np.isfinite(mean.std) & (mean.std > 0)
     if not known.any():
-        return False
+        return np.full(6, np.nan)
     ratio = np.mean(((delta_p[0] - delta_p[1])[known] / mean.std[known]) ** 2) / (n_images - 1)
-    robot = settings.repeatability(pivot) if scatter is None else scatter
-    variance = ratio * mean.std[known] ** 2 + robot[known] ** 2
-    if not (variance > 0).all():
-        return False
-    return bool(np.mean(delta_p[1, known] ** 2 / variance) > _SIGNIFICANT**2)
+    return np.where(known, ratio * np.square(mean.std), np.nan)
 
 
 def is_equal(comparison: Comparison) -> bool:
@@ -266,13 +279,14 @@ def scatter(steps: Sequence[Step], settings: LoopSettings, pivot: float) -> Arra
     Every move was meant to bring it to the reference; where the last ones were to go a part of the
     way alone, nothing is known of the robot. What is seen after them is the scatter of the robot
     and the noise of the estimates. When four looks of the finest stage in a row do not
-    shrink, and none is farther than a robot may miss by, this is all there is.
+    shrink, and none is farther than a robot may miss by, this is all there is. The noise is left
+    out as far as several images from one pose have shown it.
 
     Returns
     -------
     ndarray of shape (6,) or None
-        Root mean square of the believed displacements about the pivot, [m] and [rad]; None while
-        the camera still comes nearer.
+        Of the robot about the pivot, [m] and [rad], as a root mean square, 0 where noise explains
+        what is seen; None while the camera still comes nearer.
     """
     after_moves = [
         (before, step)
@@ -292,7 +306,27 @@ def scatter(steps: Sequence[Step], settings: LoopSettings, pivot: float) -> Arra
     if sizes[2:].max() < _FLOOR_SHRINKAGE * sizes[:2].max():
         return None
     delta_p = displacements_from_poses(np.eye(4), displacements[1:], pivot)
-    return np.asarray(np.sqrt(np.mean(delta_p**2, axis=0)))
+    seen = np.mean(delta_p**2, axis=0)
+    noise = np.mean(_noise([step for _, step in after_moves], settings, pivot)[1:], axis=0)
+    is_noisy = np.isfinite(noise) & (noise > 0)
+    if is_noisy.any() and np.mean((seen / noise)[is_noisy]) <= _SIGNIFICANT:
+        return np.zeros(6)
+    return np.sqrt(np.maximum(seen - np.where(is_noisy, noise, 0.0), 0.0))
+
+
+def _noise(steps: Sequence[Step], settings: LoopSettings, pivot: float) -> Array:
+    """Variance of each look by the noise of its images, (n_looks, 6); 0 where nothing shows it."""
+    n_images = settings.final_images
+    of_means = [
+        _noise_of_mean(step.first_displacement, step.estimate, n_images, pivot)
+        for step in steps
+        if step.first_displacement is not None
+    ]
+    if not of_means:
+        return np.zeros((len(steps), 6))
+    n_averaged = [1 if step.first_displacement is None else n_images for step in steps]
+    one_image = n_images * np.mean(of_means, axis=0)
+    return np.asarray(one_image / np.array(n_averaged)[:, None])
 
 
 def _is_whole(step: Step, pivot: float) -> bool:

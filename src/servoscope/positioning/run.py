@@ -356,7 +356,7 @@ class Run:
             if scatter is None and not is_settled:
                 self._n_doubts = 0
                 return None
-            if scatter is not None:
+            if scatter is not None and scatter.any():
                 rest = arrival.Reached.of_deviation(scatter, pivot)
                 allowed_by = "the robot"
                 note = (
