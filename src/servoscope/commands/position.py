@@ -66,6 +66,7 @@ ConditionName = Annotated[
 ]
 
 _RECORDED = "recorded:"
+_DONE = ("converged", "dry_run")
 
 
 def position(
@@ -211,7 +212,7 @@ def _end(result: PositioningResult) -> None:
     """End the command as the run ended."""
     if result.status == "interrupted":
         raise KeyboardInterrupt
-    if result.status not in ("converged", "dry_run"):
+    if result.status not in _DONE:
         raise ServoscopeError(f"{result.status}: {result.message}")
 
 
@@ -455,7 +456,8 @@ def _print_run(
         out.print("predicted error about the pivot:", ", ".join(said))
     if distances is not None:
         out.print(f"true error: {distances[-1]['mm']:.3f} mm, {distances[-1]['deg']:.3f} deg")
-    out.print(f"{result.status}: {result.message}")
+    if result.status in _DONE:  # any other end is said on standard error
+        out.print(f"{result.status}: {result.message}")
 
 
 def _far(distance: dict[str, float]) -> str:
