@@ -181,6 +181,8 @@ def test_a_signal_while_the_robot_waits_ends_the_command(
         (["--condition", "none"], "--condition must be"),
         ([], "no simulated robot"),
         (["--model", "other"], "leave --model out"),
+        (["--rehearse", "--tolerance", "tq=1mm"], "tq"),
+        (["--rehearse", "--workspace", "x=1:0"], "workspace"),
     ],
 )
 def test_runs_that_cannot_be_are_one_line(model, capsys, arguments, reason) -> None:
