@@ -1,8 +1,11 @@
 """Points see the share of sky, table and lamps that counting rays gives."""
 
+import sys
+
 import numpy as np
 import pytest
 
+from servoscope.errors import ServoscopeError
 from servoscope.scene.cylinder_head import CylinderHead
 from servoscope.scene.geometry import DARK, IN_PART, LIT, face_states, geometry_of, share_of_sky
 from servoscope.scene.lighting import Lighting
@@ -74,3 +77,11 @@ def test_faces_turned_away_from_a_lamp_are_dark_and_the_deck_is_lit() -> None:
     for k, lamp in enumerate(lamps):
         towards = np.einsum("ij,ij->i", across / area[:, None], lamp[:3] - corners[:, 0])
         assert (states[(towards < -0.05) & (area > 1e-7), k] == DARK).all()
+
+
+def test_where_there_is_no_ray_caster_one_line_says_what_to_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "embreex.mesh_construction", None)
+    with pytest.raises(ServoscopeError, match=r"needs embreex.*--part textured_plane"):
+        geometry_of(CylinderHead(variant=7))

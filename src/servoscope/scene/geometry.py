@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from servoscope.compiled import compiled
+from servoscope.errors import ServoscopeError
 from servoscope.scene.cylinder_head import CylinderHead
 from servoscope.scene.lighting import Lighting, light_at
 from servoscope.scene.mesh import TABLE, Mesh
@@ -68,8 +69,14 @@ def _cosine_directions() -> NDArray[np.float64]:
 
 
 def _tree(mesh: Mesh) -> Any:
-    from embreex.mesh_construction import TriangleMesh
-    from embreex.rtcore_scene import EmbreeScene
+    try:
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+    except ImportError as error:
+        raise ServoscopeError(
+            f"The simulated cylinder head needs embreex, which cannot be imported ({error}). It "
+            "has no wheels for ARM Linux; take --part textured_plane, or another machine."
+        ) from error
 
     tree = EmbreeScene()  # its robust mode costs 15 % and changes one ray in a million
     TriangleMesh(tree, mesh.vertices, mesh.triangles)
