@@ -42,7 +42,7 @@ from servoscope.positioning.devices import (
     call_within,
 )
 from servoscope.positioning.interfaces import Camera, Image, Robot
-from servoscope.positioning.reference_view import ReferenceView
+from servoscope.positioning.reference_view import Comparison, ReferenceView
 from servoscope.positioning.settings import LoopSettings
 from servoscope.positioning.workspace import UNLIMITED, Workspace
 from servoscope.wording import one_line
@@ -184,6 +184,52 @@ class RecordingConfig:
         return LoopSettings(read_timeout_s=self.read_timeout_s, move_timeout_s=self.move_timeout_s)
 
 
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """An image of an acquisition as it was taken, and what is seen of how good it is.
+
+    Parameters
+    ----------
+    number : int or None
+        Of its draw; None of the reference.
+    image : ndarray of shape (height, width), uint8
+    T_world : ndarray of shape (4, 4)
+        Where the robot reports to stand, [m].
+    taken, refused : tuple of int
+        Images that are on disk, and those to which the robot would not go, by their numbers.
+    sharpness, brightness : float
+        As shares of those of the reference image.
+    matched, shift : float or None
+        Of the reference looked at again: how much of it matches, and by how much of its width it
+        is displaced.
+    """
+
+    number: int | None
+    image: Image
+    T_world: Array
+    taken: tuple[int, ...]
+    refused: tuple[int, ...]
+    sharpness: float
+    brightness: float
+    matched: float | None = None
+    shift: float | None = None
+
+    def __str__(self) -> str:
+        what = "The reference" if self.number is None else f"Image {self.number}"
+        words = (
+            f"{what}: {self.sharpness:.0%} as sharp and {self.brightness:.0%} as bright as the "
+            "reference image"
+        )
+        if self.matched is not None and self.shift is not None:
+            words += f"; {self.matched:.0%} of it match, displaced by {self.shift:.2%} of its width"
+        return f"{words}{', blurred' * self.is_blurred}."
+
+    @property
+    def is_blurred(self) -> bool:
+        """Whether the focus may not reach there."""
+        return self.sharpness < _BLURRED
+
+
 def acquire_from(
     robot: Robot,
     camera: Camera,
@@ -193,6 +239,7 @@ def acquire_from(
     confirm: Callable[[Plan], bool] | None = None,
     on_progress: Callable[[int], object] | None = None,
     on_message: Callable[[str], object] | None = None,
+    on_shot: Callable[[Shot], object] | None = None,
     **settings: Any,
 ) -> PoseImageSet:
     """Take images of a part around the pose where the robot stands, and write them to a folder.
@@ -217,6 +264,9 @@ def acquire_from(
         Called with the number of images that are on disk.
     on_message : callable, optional
         Called with what a person should know while it goes on: blurred images, another light.
+    on_shot : callable, optional
+        Called with the reference before `confirm`, and with every image that is on disk and every
+        look at the reference before the robot moves on; it may wait.
     **settings
         Of `RecordingConfig`.
 
@@ -243,7 +293,8 @@ def acquire_from(
     begun = not dataset_folder.is_finished(folder) and _found(folder) is not None
     with dataset_folder.writing(folder, replace=force and not begun, resumable=True) as place:
         if not _is_there(place, config, force):
-            _Recording(robot, camera, place, config, on_progress, on_message).run(confirm)
+            work = _Recording(robot, camera, place, config, on_progress, on_message, on_shot)
+            work.run(confirm)
     return PoseImageSet.load(folder)
 
 
@@ -295,11 +346,13 @@ class _Recording:
         config: RecordingConfig,
         on_progress: Callable[[int], object] | None,
         on_message: Callable[[str], object] | None,
+        on_shot: Callable[[Shot], object] | None,
     ) -> None:
         self._config, self._folder, self._device = config, folder, camera
         self._robot = WatchedRobot(robot, config.loop_settings())
         self._on_progress = on_progress or (lambda _: None)
         self._say = on_message or (lambda _: None)
+        self._on_shot = on_shot or (lambda _: None)
         self._checks: list[dict[str, Any]] = []
         self._last: tuple[Image, Array] | None = None
         self._begun: _Begun | None = None
@@ -357,6 +410,7 @@ class _Recording:
                 f"{1e3 * distance:.0f} mm and {np.degrees(angle):.0f} deg from the reference, and "
                 "goes there first."
             )
+        self._on_shot(_shot(begun, None, begun.reference_image, begun.T_world_ref))
         if confirm is not None and not confirm(self._plan):
             raise AcquisitionStoppedError("Nothing was moved: the plan was not confirmed.")
         self._begun = begun
@@ -422,12 +476,14 @@ class _Recording:
             self._say(left_out)
             return
         image, pose = self._look()
-        if _sharpness(image) < _BLURRED * _sharpness(begun.reference_image):
-            self._say(f"Image {i} is blurred: the focus may not reach there.")
         dataset_folder.keep_image(self._folder, len(begun.taken), image, pose, i)
         begun.taken.append(i)
         self._note(begun)
+        shot = _shot(begun, i, image, pose)
+        if shot.is_blurred:
+            self._say(f"Image {i} is blurred: the focus may not reach there.")
         self._on_progress(len(begun.taken))
+        self._on_shot(shot)
 
     def _look(self) -> tuple[Image, Array]:
         """An image that was taken after the last move, and where.
@@ -505,8 +561,8 @@ class _Recording:
 
         What was taken since it was last found to be as it was is taken again.
         """
-        (image, _), n_done = self._look(), len(begun.taken)
-        gain = float(image.mean() / max(float(begun.reference_image.mean()), 1e-9))
+        (image, pose), n_done = self._look(), len(begun.taken)
+        gain = _gain(image, begun.reference_image)
         seen = self._reference.compare(image)
         before = self._checks[-1]["n_images"] if self._checks else 0
         where = f"between image {before} and image {n_done}"
@@ -525,6 +581,7 @@ class _Recording:
         self._checks.append(
             {"n_images": n_done, "matched": seen.matched, "shift": seen.shift, "gain": gain}
         )
+        self._on_shot(_shot(begun, None, image, pose, seen))
 
     def _left(self, status: str) -> str:
         """Where the robot is left: at the reference, if it can be sent there."""
@@ -603,6 +660,23 @@ class _Begun(NamedTuple):
     taken: list[int]
 
 
+def _shot(
+    begun: _Begun, number: int | None, image: Image, T_world: Array, seen: Comparison | None = None
+) -> Shot:
+    """How an image is seen to be, beside the reference."""
+    reference = begun.reference_image
+    return Shot(
+        number,
+        image,
+        T_world,
+        tuple(begun.taken),
+        tuple(begun.refused),
+        _sharpness(image) / max(_sharpness(reference), 1e-9),
+        _gain(image, reference),
+        *(() if seen is None else (seen.matched, seen.shift)),
+    )
+
+
 def _read_begun(folder: Path, progress: Progress) -> _Begun:
     """What an earlier run has kept.
 
@@ -664,3 +738,8 @@ def _sharpness(image: Image) -> float:
     """Of the finest details, as a share of the contrast."""
     fine = cv2.Laplacian(image.astype(np.float32), cv2.CV_32F)
     return float(fine.std() / max(float(image.std()), 1.0))
+
+
+def _gain(image: Image, reference: Image) -> float:
+    """How bright an image is, as a share of the reference."""
+    return float(image.mean() / max(float(reference.mean()), 1e-9))

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import arg, create_mutex_group
 
 from servoscope.commands.options import DataSetOut, Dofs, Force, Jobs, Json, Part
+from servoscope.commands.page import Page, PageOptions, wait_for_ctrl_c
+from servoscope.errors import InvalidInputError, ServoscopeError
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from servoscope.acquisition.plan import Plan
+    from servoscope.viewer.acquisition import LiveAcquisition
 
 IMAGES_OR_RINGS = create_mutex_group(required=False)
 """A schedule says how many images to take, so only one of the two can be asked for."""
@@ -27,6 +32,13 @@ Robot = Annotated[
 Camera = Annotated[
     str | None,
     arg(metavar="CAMERA", help="What the robot carries, such as opencv:0 or module:Class."),
+]
+View = Annotated[
+    bool,
+    arg(
+        help="Show the plan and the images in a browser; its buttons Step and Run let the robot "
+        "move, in place of the question, and Stop stops it."
+    ),
 ]
 Yes = Annotated[bool, arg(help="Move the robot without asking.")]
 
@@ -44,6 +56,8 @@ def acquire(
     camera: Camera = None,
     preview: bool = False,
     yes: Yes = False,
+    view: View = False,
+    page: Page = PageOptions(),  # noqa: B008
     workspace: str = "",
     max_step_mm: float = 50.0,
     max_step_deg: float = 10.0,
@@ -117,7 +131,6 @@ def acquire(
     from servoscope.commands.output import print_facts, print_message, progress_bar
     from servoscope.data.schedule import parse_schedule
     from servoscope.dofs import parse_accuracy, parse_dofs
-    from servoscope.errors import InvalidInputError
     from servoscope.poses import DOFS
     from servoscope.positioning.workspace import Workspace
     from servoscope.robots.registry import ROBOTS
@@ -125,6 +138,7 @@ def acquire(
     rings = () if schedule is None else parse_schedule(schedule)
     wanted = DOFS if dofs is None else parse_dofs(dofs)
     box = Workspace.parse(workspace)
+    shown = page if view else None
     if robot not in ROBOTS:
         if ":" not in robot:
             raise InvalidInputError(
@@ -141,9 +155,13 @@ def acquire(
             "workspace": box, "max_step_mm": max_step_mm, "max_step_deg": max_step_deg,
             "check_every": check_every, "settle_s": settle_s,
         }  # fmt: skip
-        if _take(out, robot, camera, settings, preview=preview, yes=yes, force=force):
+        if _take(out, robot, camera, settings, preview=preview, yes=yes, force=force, page=shown):
             print_facts(describe_data_set(out), as_json=json)
         return
+    if view and not preview:
+        raise InvalidInputError(
+            "--view is of a robot of your own, and of plans; give --preview with it."
+        )
     request = None if until is None else parse_accuracy(until)
     if request is not None:
         if schedule is not None:
@@ -171,7 +189,7 @@ def acquire(
     if preview:
         T_world_ref = config.reference()
         pivot = config.pivot(T_world_ref)
-        _show(Plan.draw(config.draws(), T_world_ref, pivot=pivot, workspace=box), out)
+        _show(Plan.draw(config.draws(), T_world_ref, pivot=pivot, workspace=box), out, shown)
         return
     with progress_bar("images", config.total()) as advance:
         if request is None:
@@ -193,6 +211,7 @@ def _take(
     preview: bool,
     yes: bool,
     force: bool,
+    page: PageOptions | None,
 ) -> bool:
     """Take images with a robot of one's own; False if it was only asked what that means."""
     from servoscope.acquisition.recording import RecordingConfig, acquire_from
@@ -205,39 +224,82 @@ def _take(
     if preview:
         device = open_robot(robot)
         with closing(device):
-            _show(previewed(device, config), out)
+            plan = previewed(device, config)
+        _show(plan, out, page)
         return False
     device, taking = open_both(robot, camera)
+    with closing(device, taking), ExitStack() as stack:
+        live = None
+        if page is not None:
+            from servoscope.viewer.acquisition import LiveAcquisition
 
-    with ExitStack() as stack:
-        stack.enter_context(closing(device, taking))
+            live = stack.enter_context(_shown(LiveAcquisition(device, page.open, is_agreed=yes)))
         advances: list[Callable[[int], object]] = []
 
         def agreed(plan: Any) -> bool:
             print_message(str(plan))
-            agrees = confirmed("Move the robot?", yes)
+            agrees = confirmed("Move the robot?", yes) if live is None else live.confirm(plan)
             if agrees:
                 advances.append(stack.enter_context(progress_bar("images", config.total)))
             return agrees
 
+        def say(message: str) -> None:
+            print_message(message)
+            if live is not None:
+                live.on_message(message)
+
         try:
             acquire_from(
-                device, taking, out, force=force, confirm=agreed, on_message=print_message,
-                on_progress=lambda n_done: advances[0](n_done), **settings,
+                device, taking, out, force=force, confirm=agreed, on_message=say,
+                on_progress=lambda n_done: advances[0](n_done),
+                on_shot=None if live is None else live.on_shot, **settings,
             )  # fmt: skip
         except AcquisitionStoppedError as error:
             if isinstance(error.__cause__, KeyboardInterrupt):
-                print_message(str(error))
+                if live is None:
+                    print_message(str(error))
                 raise KeyboardInterrupt from error
             raise
     return True
 
 
-def _show(plan: Any, out: Path) -> None:
-    """Print a plan, and draw it."""
+@contextmanager
+def _shown(live: LiveAcquisition) -> Iterator[LiveAcquisition]:
+    """Show in the end how an acquisition ended, until Ctrl-C, unless that was what ended it."""
+    from servoscope.commands.output import print_message
+
+    words, is_ended = "It failed; the terminal says why.", False
+    try:
+        yield live
+        words = "All images are on disk; the robot is back at the reference."
+    except KeyboardInterrupt as error:
+        words, is_ended = str(error.__cause__ or "Interrupted."), not live.was_stopped
+        raise
+    except ServoscopeError as error:
+        words = str(error)
+        raise
+    finally:
+        live.finish(words)
+        stays = live.is_shown and not is_ended
+        print_message(f"{words}{' The page stays until Ctrl-C.' * stays}")
+        if stays:
+            with suppress(KeyboardInterrupt):
+                wait_for_ctrl_c()
+        live.close()
+
+
+def _show(plan: Plan, out: Path, page: PageOptions | None) -> None:
+    """Print a plan, and draw it; in a browser until Ctrl-C, if there is to be a page."""
     from servoscope.commands.output import console
 
     out.mkdir(parents=True, exist_ok=True)
     plan.save_picture(out / "plan.png")
     console().print(str(plan), markup=False, highlight=False)
     console().print(f"the way is drawn in {out / 'plan.png'}", markup=False, highlight=False)
+    if page is not None:
+        from servoscope.viewer.acquisition import planned
+
+        with page.served(planned(plan)) as browser:
+            browser.allow(step=False, run=False)
+            browser.say(str(plan))
+            wait_for_ctrl_c()

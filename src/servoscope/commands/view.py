@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, arg
 
 from servoscope.commands.cells import Cell, CellOptions, InCell, Loop, LoopOptions
+from servoscope.commands.page import Page, PageOptions, wait_for_ctrl_c
 from servoscope.commands.position import Log
 from servoscope.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from servoscope.positioning import LoopSettings, PositioningModel
-    from servoscope.viewer.browser import Browser
     from servoscope.viewer.history import History
 
 Shown = Positional[
@@ -37,8 +35,7 @@ def view(
     cell: InCell = CellOptions(),  # noqa: B008
     loop: Loop = LoopOptions(),  # noqa: B008
     log: Log = None,
-    host: str = "127.0.0.1",
-    port: int = 8080,
+    page: Page = PageOptions(),  # noqa: B008
 ) -> None:
     """Show a run in a browser: the camera in space, its images, and what is believed.
 
@@ -55,13 +52,9 @@ def view(
 
     Args:
         rehearse: Run on images that are rendered of the model's own view.
-        host: Address that is listened at; this machine alone can reach the default. Whoever
-            reaches it can press the buttons.
-        port: Port that is listened at; the next free one if it is in use.
     """
     from servoscope.positioning import PositioningModel
     from servoscope.storage.model_folder import is_model
-    from servoscope.viewer.browser import Browser
 
     if not is_model(path):
         if rehearse or cell.robot is not None or log is not None:
@@ -69,7 +62,7 @@ def view(
                 f"A run needs a model, but {path} is none; leave --robot, --rehearse and --log "
                 "out, or name a model folder."
             )
-        _replay(_history(path, model), partial(Browser, host=host, port=port))
+        _replay(_history(path, model), page)
         return
     if model is not None:
         raise InvalidInputError(f"{path} is a model itself; leave --model out.")
@@ -80,7 +73,7 @@ def view(
     else:
         opened = cell.opened(trained, settings)
     with opened as of_robot:
-        _run(trained, of_robot, log, partial(Browser, host=host, port=port))
+        _run(trained, of_robot, log, page)
 
 
 def _history(path: Path, model: Path | None) -> History:
@@ -96,10 +89,10 @@ def _history(path: Path, model: Path | None) -> History:
     return read_log(path, estimator)
 
 
-def _replay(history: History, open_browser: Callable[[History], Browser]) -> None:
+def _replay(history: History, page: PageOptions) -> None:
     from servoscope.viewer.replay import Replay
 
-    with _serving(open_browser(history)) as browser:
+    with page.served(history) as browser:
         replay = Replay(history, browser.show)
         browser.command(replay)
         browser.say(history.end)
@@ -111,7 +104,7 @@ def _run(
     model: PositioningModel,
     cell: Cell,
     log: Path | None,
-    open_browser: Callable[[History], Browser],
+    page: PageOptions,
 ) -> None:
     """Run the loop as the buttons command, and show how it was until Ctrl-C."""
     from servoscope.commands.output import print_message
@@ -123,7 +116,7 @@ def _run(
     positioner = Positioner(model, cell.settings)
     truth = _truth(cell)
     history = History(Setting.of_estimator(model), knows_truth=truth is not None)
-    with _serving(open_browser(history)) as browser:
+    with page.served(history) as browser:
         run_log = None if log is None else RunLog(log, positioner)
         live = LiveRun(
             positioner, cell.robot, cell.camera, history, browser.show, browser.say,
@@ -147,30 +140,6 @@ def _truth(cell: Cell) -> Callable[[], Any] | None:
     if not cell.reports_camera:
         return None
     return lambda: inverse_transform(cell.T_ref) @ cell.robot.true_pose
-
-
-def wait_for_ctrl_c() -> None:
-    """Wait until Ctrl-C is pressed, also where waiting without an end does not hear it."""
-    forever = threading.Event()
-    while not forever.wait(1.0):
-        pass
-
-
-@contextmanager
-def _serving(browser: Browser) -> Iterator[Browser]:
-    """Say where the browser is, and close it at the end, which Ctrl-C is."""
-    from servoscope.commands.output import print_message
-
-    print_message(f"Open {browser.address} in a browser; Ctrl-C ends.")
-    if not browser.is_of_this_machine:
-        print_message(
-            f"servoscope: warning: whoever reaches {browser.address} can press the buttons."
-        )
-    try:
-        with suppress(KeyboardInterrupt):
-            yield browser
-    finally:
-        browser.close()
 
 
 @contextmanager

@@ -8,7 +8,7 @@ import ipaddress
 import re
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
@@ -20,6 +20,7 @@ from servoscope.errors import InvalidInputError
 from servoscope.poses import DOF_UNITS, DOFS, quaternions_xyzw
 from servoscope.positioning.interfaces import Array
 from servoscope.viewer.history import History, Series
+from servoscope.viewer.way import COLOURS
 
 if TYPE_CHECKING:
     import viser
@@ -27,11 +28,15 @@ if TYPE_CHECKING:
 LOOPBACK = "127.0.0.1"
 PORT = 8080
 
+_BOX = (110, 60, 160)
 _RED, _BLUE, _GREY = (200, 50, 40), (30, 110, 200), (120, 120, 120)
 _PATH = (230, 150, 30)
 _PLOT_HEIGHT = 120
 _FRUSTUM = 0.12
 """Size of a camera as a share of its distance from the part."""
+
+_PLANNED = 0.4
+"""Size of a planned camera beside one that was."""
 
 _GAP = 4
 _MOST_PORTS = 50
@@ -67,6 +72,11 @@ class Browser:
     port : int
         The next free one is taken if it is in use; 0 for any.
 
+    Attributes
+    ----------
+    on_alone : callable
+        Called when the last page was closed.
+
     Raises
     ------
     InvalidInputError
@@ -79,6 +89,8 @@ class Browser:
         self._player: Player | None = None
         self._lock = threading.RLock()
         self.server = _served(host, port)
+        self.on_alone: Callable[[], object] = lambda: None
+        self.server.on_client_disconnect(self._left)
         try:
             self._lay_out()
         except BaseException:
@@ -113,7 +125,12 @@ class Browser:
         server.initial_camera.look_at = (0.1 * setting.distance, 0.0, 0.5 * setting.distance)
         self._relief()
         self._cameras()
+        self._way()
         self._controls()
+
+    def _left(self, _: object) -> None:
+        if not self.server.get_clients():
+            self.on_alone()
 
     def _relief(self) -> None:
         relief = self.history.setting.relief
@@ -143,12 +160,27 @@ class Browser:
             "/next", scale=0.8 * self._size, color=_BLUE, visible=False, **shape
         )
 
+    def _way(self) -> None:
+        """The plan of an acquisition: its path, its cameras, and the box that it keeps to."""
+        way, setting, scene = self.history.way, self.history.setting, self.server.scene
+        if way is None:
+            return
+        thin = 0.01 * self._size
+        scene.add_line_segments("/plan/path", way.path(), _GREY, thickness=thin)
+        height, width = setting.reference_image.shape
+        wires = way.cameras(setting.field_of_view, width / height, _PLANNED * self._size)
+        self.planned = scene.add_line_segments(
+            "/plan/cameras", wires.reshape(-1, 2, 3), COLOURS["planned"], thickness=2 * thin
+        )
+        if len(box := way.box()):
+            scene.add_line_segments("/workspace", box, _BOX, thickness=3 * thin)
+
     def _controls(self) -> None:
         gui, setting = self.server.gui, self.history.setting
-        self.status = gui.add_html("")
         self.step_button = gui.add_button("Step")
         self.run_button = gui.add_button("Run")
         self.stop_button = gui.add_button("Stop", color="red")
+        self.status = gui.add_html("")  # below: the buttons stay where they are
         self.step_button.on_click(lambda _: self._command("step"))
         self.run_button.on_click(lambda _: self._command("run"))
         self.stop_button.on_click(lambda _: self._command("stop"))
@@ -176,8 +208,11 @@ class Browser:
         self._player = player
 
     def say(self, words: str) -> None:
-        """Show how it stands, beside the buttons."""
-        self.status.content = f"<p style='padding:0 1em'>{html.escape(words)}</p>"
+        """Show how it stands, a paragraph a line, beside the buttons."""
+        self.status.content = "".join(
+            f"<p style='padding:0 1em;margin:.5em 0'>{html.escape(line)}</p>"
+            for line in words.splitlines()
+        )
 
     def allow(self, *, step: bool, run: bool) -> None:
         """Let Step and Run be pressed, or not; Stop always can be."""
@@ -200,6 +235,11 @@ class Browser:
             for dof, plot in self.plots.items():
                 plot.data = _columns(history.series(dof), history.knows_truth)
             self._move_slider()
+
+    def mark(self, taken: tuple[int, ...], refused: tuple[int, ...]) -> None:
+        """Show which images of a plan are taken, and which were refused."""
+        if self.history.way is not None:
+            self.planned.colors = self.history.way.colours(taken, refused).reshape(-1, 2, 3)
 
     def _draw_path(self, path: Array) -> None:
         if len(path) < 2:

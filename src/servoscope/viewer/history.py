@@ -27,6 +27,7 @@ from servoscope.positioning.guard import as_text, is_finite_rigid
 from servoscope.positioning.interfaces import Array, Estimator, Image, dofs_of
 from servoscope.positioning.keyframe_model import KeyframeModel
 from servoscope.positioning.result import Step
+from servoscope.viewer.way import Way
 
 WIDEST_RELIEF = 240
 """Points of the relief along the width of the view, at most."""
@@ -284,12 +285,15 @@ class History:
         How the run ended; empty while it has not.
     knows_truth : bool
         Whether every look has its truth.
+    way : Way or None
+        Of an acquisition, where the robot is to go.
     """
 
     setting: Setting
     looks: list[Look] = field(default_factory=list)
     end: str = ""
     knows_truth: bool = False
+    way: Way | None = None
 
     @classmethod
     def of_data_set(cls, data: PoseImageSet, estimator: Estimator | None = None) -> History:

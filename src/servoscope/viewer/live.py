@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import _thread
-import signal
-import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -13,15 +10,11 @@ from servoscope.positioning.interfaces import Array, Camera, Image, Robot
 from servoscope.positioning.look_and_move import Positioner
 from servoscope.positioning.result import PositioningResult, Step
 from servoscope.positioning.run import OnStep
+from servoscope.viewer.buttons import Buttons
 from servoscope.viewer.history import History, Look
 
-HELD, ONE_MOVE, RUNNING, STOPPED, OVER = "held", "one move", "running", "stopped", "over"
 
-_LONGEST_WAIT = 0.1
-"""Ctrl-C may not be heard while something is waited for, so that this is never done for long."""
-
-
-class LiveRun:
+class LiveRun(Buttons):
     """One run of a positioner, which waits before each move until it may make it.
 
     Step lets it make one move, and ends running; run lets it make all that follow. Stop ends the
@@ -43,11 +36,6 @@ class LiveRun:
         The displacement of the reported frame as it is, (4, 4), [m].
     on_step : callable, optional
         As of `Positioner.run`: called before a look is shown.
-
-    Attributes
-    ----------
-    was_stopped : bool
-        Whether Stop was pressed before the end; another interruption is by a signal.
     """
 
     def __init__(
@@ -62,61 +50,27 @@ class LiveRun:
         truth: Callable[[], Array] | None = None,
         on_step: OnStep | None = None,
     ) -> None:
+        super().__init__(robot)
         self.history = history
         self._positioner, self._robot, self._camera = positioner, robot, camera
         self._show, self._say, self._truth, self._on_step = show, say, truth, on_step
-        self._changed = threading.Condition()
-        self._state = HELD
-        self.was_stopped = False
         self._is_allowed = False
-        self._thread: threading.Thread | None = None
 
     def until_end(self) -> PositioningResult:
         """Run until the loop ends or is stopped; in the main thread, so that Stop ends moves."""
-        self._thread = threading.current_thread()
+        self.begin()
         gated: Any = _Gated(self._robot, self._check_allowed)
         try:
             result = self._positioner.run(gated, self._camera, on_step=self._look)
         finally:
-            with self._changed:
-                self._state = OVER
+            self.end()
         self.history.end = f"{result.status}: {result.message}"
         self._say(self.history.end)
         return result
 
-    def step(self) -> None:
-        """Make one move and look; while running, hold at the next look."""
-        self._go_on(HELD if self._state == RUNNING else ONE_MOVE)
-
-    def run(self) -> None:
-        """Make all moves that follow."""
-        self._go_on(RUNNING)
-
-    def stop(self) -> None:
-        """End the run and stop the robot; if it has ended, or was stopped, stop the robot again."""
-        with self._changed:
-            is_first = self._state not in (STOPPED, OVER)
-            if is_first:
-                self._state, self.was_stopped = STOPPED, True
-            self._changed.notify_all()
-            if is_first and self._is_interrupted_by_a_signal():
-                _thread.interrupt_main()
-                return
-        getattr(self._robot, "stop", lambda: None)()
-
     def seek(self, k: int) -> None:
         """Show look `k`."""
         self._show(min(max(int(k), 0), len(self.history.looks) - 1))
-
-    def _is_interrupted_by_a_signal(self) -> bool:
-        is_heard = signal.getsignal(signal.SIGINT) not in (signal.SIG_IGN, None)
-        return is_heard and self._thread is threading.main_thread()
-
-    def _go_on(self, state: str) -> None:
-        with self._changed:
-            if self._state not in (STOPPED, OVER):
-                self._state = state
-                self._changed.notify_all()
 
     def _look(self, step: Step, image: Image) -> None:
         if self._on_step is not None:
@@ -128,30 +82,20 @@ class LiveRun:
         if step.commanded is None:
             self._say(look.words)
             return
-        if self._state == HELD:
+        if self.is_held:
             self._say(f"{look.words} The robot waits: press Step or Run.")
-        self._wait_until_allowed()
+        self.wait()
+        self._is_allowed = True
         self._say(f"{look.words} The robot moves.")
-
-    def _wait_until_allowed(self) -> None:
-        with self._changed:
-            while self._state == HELD:
-                self._changed.wait(_LONGEST_WAIT)
-            if self._state == STOPPED:
-                raise KeyboardInterrupt("Stop")
-            self._is_allowed = True
-            if self._state == ONE_MOVE:
-                self._state = HELD
 
     def _check_allowed(self) -> None:
         """Raise if the robot may not move now; a move that was shown may be made once."""
-        with self._changed:
-            is_allowed, self._is_allowed = self._is_allowed, False
-            if self._state == STOPPED or not (is_allowed or self._state == RUNNING):
-                raise RobotFaultError(
-                    "the loop gave up and would drive back to the best view, which is done after "
-                    "Run alone"
-                )
+        is_allowed, self._is_allowed = self._is_allowed, False
+        if self.was_stopped or not (is_allowed or self.is_running):
+            raise RobotFaultError(
+                "the loop gave up and would drive back to the best view, which is done after "
+                "Run alone"
+            )
 
 
 class _Gated:
