@@ -223,7 +223,7 @@ def test_called_from_python_it_leaves_ctrl_c_as_it_was(monkeypatch, capsys):
 
 def test_the_command_line_starts_without_what_only_some_commands_need():
     code = (
-        "import sys, servoscope.cli as cli; cli._app(); "
+        "import sys; from servoscope.commands.catalogue import _app; _app((), whole=True); "
         "print(sorted({'numba', 'sklearn', 'manifold3d', 'matplotlib'} & set(sys.modules)))"
     )
     done = subprocess.run(

@@ -13,22 +13,14 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr
 from errno import ENOSPC
-from functools import partial, wraps
 from typing import Any
 
-from tyro.conf import FlagCreatePairsOff
-from tyro.extras import SubcommandApp
-
 from servoscope import __version__
-from servoscope.commands.output import discard_unwritten, prepare_streams, print_message
+from servoscope.commands.catalogue import named, parse
+from servoscope.commands.streams import discard_unwritten, prepare_streams, print_message
+from servoscope.commands.usage import nearest, usage_line
 from servoscope.errors import ServoscopeError
-from servoscope.processes import stop_processes
-from servoscope.storage.folders import remove_abandoned
 from servoscope.wording import one_line, printable
-
-DESCRIPTION = """Vision-based robot positioning: which image features inform which degree of
-freedom, and how accurately. Begin with: servoscope study. Every command also takes --debug, which
-shows where an error came from; --version prints the version."""
 
 _LONGEST_MESSAGE = 2000
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
@@ -63,6 +55,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _run(arguments or ["--help"])
         sys.stdout.flush()
     except KeyboardInterrupt:
+        from servoscope.processes import stop_processes
+
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second would disturb the end
         stop_processes()
         code = _fail("interrupted; what is finished is kept", 130)
@@ -85,73 +79,28 @@ def _run(arguments: Sequence[str]) -> None:
     if list(arguments) == ["--version"]:
         print(f"servoscope {__version__}")
         return
+    command = _asked_for(arguments)
+    from servoscope.storage.folders import remove_abandoned
+
     remove_abandoned()
-    _asked_for(arguments)()
+    command()
 
 
 def _asked_for(arguments: Sequence[str]) -> Callable[[], None]:
     """The command that arguments name, with its own; exits where they name none."""
+    path, unknown, names = named(arguments)
+    if unknown is not None:
+        prog = " ".join(["servoscope", *path])
+        _fail(f"there is no command {unknown!r}.{nearest(unknown, names)} See {prog} --help.", 2)
+        sys.exit(2)
     errors = io.StringIO()
     try:
         with redirect_stderr(errors):
-            command: Callable[[], None] = _app().cli(
-                prog="servoscope",
-                description=DESCRIPTION,
-                args=arguments,
-                config=(FlagCreatePairsOff,),
-            )
-            return command
+            return parse(path, arguments)
     finally:
         if errors.getvalue():
-            print(printable(_COLOURS.sub("", errors.getvalue())), end="", file=sys.stderr)
-
-
-def _later(command: Callable[..., None]) -> Callable[..., Callable[[], None]]:
-    """What takes the arguments of a command and returns the command with them."""
-
-    @wraps(command)
-    def asked_for(*arguments: Any, **options: Any) -> Callable[[], None]:
-        return partial(command, *arguments, **options)
-
-    return asked_for
-
-
-def _app() -> SubcommandApp:
-    from servoscope.commands.acquire import acquire
-    from servoscope.commands.aim import aim
-    from servoscope.commands.assess import assess
-    from servoscope.commands.benchmark_positioning import benchmark_positioning
-    from servoscope.commands.export import export
-    from servoscope.commands.import_images import import_commands
-    from servoscope.commands.info import info
-    from servoscope.commands.position import position
-    from servoscope.commands.rehearse import rehearse
-    from servoscope.commands.sensitivity import sensitivity
-    from servoscope.commands.serve import serve
-    from servoscope.commands.study import report, study
-    from servoscope.commands.train import train
-    from servoscope.commands.view import view
-
-    app, formats, benchmarks = SubcommandApp(), SubcommandApp(), SubcommandApp()
-    for name, import_format in import_commands().items():
-        formats.command(name=name)(_later(import_format))
-    app.command(_later(study))
-    app.command(_later(acquire))
-    app.command(_later(assess))
-    app.command(formats, name="import", help="Make a data set of your own images and poses.")
-    app.command(_later(train))
-    app.command(_later(rehearse))
-    app.command(_later(position))
-    app.command(_later(view))
-    app.command(_later(aim))
-    app.command(_later(export))
-    app.command(_later(serve))
-    benchmarks.command(name="positioning")(_later(benchmark_positioning))
-    app.command(benchmarks, name="benchmark", help="Compare servoscope with what else there is.")
-    app.command(_later(sensitivity))
-    app.command(_later(report))
-    app.command(_later(info))
-    return app
+            box = _COLOURS.sub("", errors.getvalue())
+            print_message(f"servoscope: {usage_line(box, ' '.join(['servoscope', *path]))}")
 
 
 def _reason(error: Exception) -> str:

@@ -128,7 +128,8 @@ def acquire(
     from servoscope.acquisition.until import FIRST, MOST_IMAGES, acquire_until
     from servoscope.commands.info import describe_data_set
     from servoscope.commands.options import n_jobs
-    from servoscope.commands.output import print_facts, print_message, progress_bar
+    from servoscope.commands.output import print_facts, progress_bar
+    from servoscope.commands.streams import print_message
     from servoscope.data.schedule import parse_schedule
     from servoscope.dofs import parse_accuracy, parse_dofs
     from servoscope.poses import DOFS
@@ -216,7 +217,8 @@ def _take(
     """Take images with a robot of one's own; False if it was only asked what that means."""
     from servoscope.acquisition.recording import RecordingConfig, acquire_from
     from servoscope.acquisition.recording import preview as previewed
-    from servoscope.commands.output import confirmed, print_message, progress_bar
+    from servoscope.commands.output import confirmed, progress_bar
+    from servoscope.commands.streams import print_message
     from servoscope.errors import AcquisitionStoppedError
     from servoscope.robots.devices import closing, open_both, open_robot
 
@@ -266,7 +268,7 @@ def _take(
 @contextmanager
 def _shown(live: LiveAcquisition) -> Iterator[LiveAcquisition]:
     """Show in the end how an acquisition ended, until Ctrl-C, unless that was what ended it."""
-    from servoscope.commands.output import print_message
+    from servoscope.commands.streams import print_message
 
     words, is_ended = "It failed; the terminal says why.", False
     try:

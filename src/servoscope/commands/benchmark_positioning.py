@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -70,3 +71,8 @@ def _print_scoreboard(scoreboard: dict[str, Any], page: Path) -> None:
         out.print(target_text(target))
     out.print(f"total {scoreboard['timings_s']['total']:.1f} s")
     out.print(f"page: {page}", soft_wrap=True)
+
+
+def benchmark_commands() -> dict[str, Callable[..., None]]:
+    """The benchmarks, by name."""
+    return {"positioning": benchmark_positioning}

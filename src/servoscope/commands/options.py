@@ -11,10 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
-from servoscope.data.splits import PROTOCOLS
-from servoscope.dofs import parse_dofs
 from servoscope.errors import InvalidInputError
-from servoscope.storage.folders import owned
 
 if TYPE_CHECKING:
     from servoscope.data.images import PoseImageSet
@@ -62,6 +59,8 @@ def owning_model(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def owner(*args: Any, **options: Any) -> None:
+        from servoscope.storage.folders import owned
+
         asked = signature(command).bind(*args, **options)
         asked.apply_defaults()
         with owned(asked.arguments["out"], beside=True):
@@ -72,6 +71,8 @@ def owning_model(command: Callable[..., None]) -> Callable[..., None]:
 
 def with_dofs(data: PoseImageSet, dofs: str | None) -> PoseImageSet:
     """A data set with the degrees of freedom of ``--dofs``, or else as it is."""
+    from servoscope.dofs import parse_dofs
+
     return data if dofs is None else replace(data, asked_dofs=parse_dofs(dofs))
 
 
@@ -86,4 +87,6 @@ def n_jobs(jobs: int | None) -> int:
 
 def protocols(protocol: str) -> tuple[str, ...]:
     """The protocols that ``--protocol`` names."""
+    from servoscope.data.splits import PROTOCOLS
+
     return PROTOCOLS if protocol == "both" else (protocol,)

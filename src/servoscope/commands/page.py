@@ -36,7 +36,7 @@ class PageOptions:
         InvalidInputError
             If it cannot be served there.
         """
-        from servoscope.commands.output import print_message
+        from servoscope.commands.streams import print_message
         from servoscope.viewer.browser import Browser
 
         browser = Browser(history, self.host, self.port)

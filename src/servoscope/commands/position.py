@@ -109,7 +109,8 @@ def _run_own(
     ServoscopeError
         If the user does not agree.
     """
-    from servoscope.commands.output import confirmed, print_message
+    from servoscope.commands.output import confirmed
+    from servoscope.commands.streams import print_message
 
     refusal: list[ServoscopeError] = []
     is_confirmed = dry_run

@@ -50,7 +50,7 @@ def serve(
     """
     import signal
 
-    from servoscope.commands.output import print_message
+    from servoscope.commands.streams import print_message
     from servoscope.positioning.model import PositioningModel
     from servoscope.processes import one_blas_thread
     from servoscope.service.answers import Answers

@@ -107,7 +107,7 @@ def _run(
     page: PageOptions,
 ) -> None:
     """Run the loop as the buttons command, and show how it was until Ctrl-C."""
-    from servoscope.commands.output import print_message
+    from servoscope.commands.streams import print_message
     from servoscope.positioning import Positioner
     from servoscope.positioning.run_log import RunLog
     from servoscope.viewer.history import History, Setting
