@@ -3,6 +3,7 @@
 import shutil
 from contextlib import contextmanager
 
+import numpy as np
 import pytest
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
@@ -49,3 +50,23 @@ def bottom_of(tab, selector):
     """How far down something ends, [px]."""
     box = tab.locator(selector).bounding_box()
     return box["y"] + box["height"]
+
+
+def printed(tab):
+    """What a page is on paper: the text of each sheet, and the share of it that is used."""
+    pdfium = pytest.importorskip("pypdfium2", reason="pypdfium2 is not installed")
+    sheets = pdfium.PdfDocument(tab.pdf(format="A4", prefer_css_page_size=True))
+    texts = [sheet.get_textpage().get_text_bounded() for sheet in sheets]
+    used = []
+    for sheet in sheets:
+        grey = np.asarray(sheet.render(scale=0.5).to_pil().convert("L"))
+        inked = np.flatnonzero((grey < 200).any(axis=1))
+        used.append((inked[-1] + 1) / len(grey) if inked.size else 0.0)
+    return texts, used
+
+
+def violations(tab):
+    """The rules of axe-core that a page breaks, and where."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not there")
+    found = axe.Axe().run(tab).response["violations"]
+    return {rule["id"]: [node["html"][:120] for node in rule["nodes"]] for rule in found}

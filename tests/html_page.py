@@ -80,6 +80,6 @@ def is_read_aloud(page):
     assert len(page.all("caption")) == len(page.all("table")) > 0
     assert {head.get("scope") for head in page.all("th")} <= {"col", "row"}
     for region in (div for div in page.all("div") if "scroll" in div.get("class", "").split()):
-        assert region["role"] == "region"
+        assert region["role"] == "group"
         assert region["aria-label"].strip()
         assert region["tabindex"] == "0"

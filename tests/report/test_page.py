@@ -6,7 +6,17 @@ from itertools import product
 
 import pytest
 
-from browser import DESK, PHONE, SHEET, bottom_of, chromium, opened, sticks_out
+from browser import (
+    DESK,
+    PHONE,
+    SHEET,
+    bottom_of,
+    chromium,
+    opened,
+    printed,
+    sticks_out,
+    violations,
+)
 from html_page import Page, check_page
 from page_samples import HOSTILE, PAGES
 from servoscope.report.page import Section, Verdict, bullets, pairs, paragraph, write_page
@@ -127,6 +137,42 @@ def test_paper_shows_what_is_folded_away(browser, pages, name):
         tab.emulate_media(media="print")
         assert last.is_visible()
         assert tab.locator("details img").first.bounding_box()["height"] < SHEET["height"] / 2
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_sheets_are_few_and_full_and_the_first_has_the_verdict(browser, pages, name):
+    with opened(browser, pages[name]) as tab:
+        verdict = tab.locator(".verdict h2").inner_text()
+        texts, used = printed(tab)
+        assert verdict.split()[0] in texts[0]
+        assert "Next:" in texts[0]
+        assert len(used) <= 4
+        assert min(used[:-1], default=1.0) > 0.6
+
+
+@pytest.mark.parametrize(
+    ("name", "scheme"), [("assessment", "dark"), *((name, "light") for name in (*PAGES, "toolkit"))]
+)
+def test_axe_finds_nothing(browser, pages, name, scheme):
+    with opened(browser, pages[name], PHONE, color_scheme=scheme) as tab:
+        for summary in tab.locator("summary").all():
+            summary.click()
+        assert violations(tab) == {}
+
+
+def test_an_appendix_is_printed_only_if_it_is_open(browser, tmp_path):
+    sections = [Section("Body", ["inside"]), Section("More", ["beyond"], is_appendix=True)]
+    path = tmp_path / "page.html"
+    write_page(path, "x", Verdict("Yes", "go"), [SORTED], sections, kind="x", lead="x")
+    with opened(browser, path) as tab:
+        ((folded,), _) = printed(tab)
+        assert "inside" in folded
+        assert "beyond" not in folded
+        assert "unfold it to print it" in folded
+        tab.locator("summary", has_text="More").click()
+        ((unfolded,), _) = printed(tab)
+        assert "beyond" in unfolded
+        assert "unfold" not in unfolded
 
 
 def test_the_dark_has_a_dark_ground_and_light_cards(browser, pages):

@@ -3,7 +3,7 @@ import re
 
 import pytest
 
-from browser import PHONE, SHEET, bottom_of, chromium, opened, sticks_out
+from browser import PHONE, SHEET, bottom_of, chromium, opened, printed, sticks_out
 from html_page import Page, check_page
 from servoscope.commands.run_study import print_run
 from servoscope.errors import RunFolderError
@@ -56,6 +56,15 @@ def test_page_fits_a_phone_and_its_verdict_the_first_sheet(report):
         tab.emulate_media(media="print")
         tab.set_viewport_size(SHEET)
         assert bottom_of(tab, "#verdict") < SHEET["height"]
+
+
+def test_page_is_few_full_sheets_without_what_is_another_protocol(report):
+    with chromium() as browser, opened(browser, report) as tab:
+        texts, used = printed(tab)
+        assert "Next:" in texts[0]
+        assert "unfold it to print it" in texts[-1]
+        assert len(used) <= 12
+        assert min(used[:-1]) > 0.6
 
 
 def test_figures_are_in_the_page_and_in_the_folder_with_an_overview(page, report):

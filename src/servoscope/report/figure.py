@@ -105,7 +105,7 @@ class FigureFile:
         if self.width > WIDE:
             label = escape(self.caption.title)
             image = (
-                f'<div class="scroll wide" role="region" aria-label="{label}" tabindex="0">\n'
+                f'<div class="scroll wide" role="group" aria-label="{label}" tabindex="0">\n'
                 f"{image}\n</div>"
             )
         return f"<figure>\n{image}\n<figcaption>{words}</figcaption>\n</figure>"

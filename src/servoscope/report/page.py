@@ -29,12 +29,14 @@ Part = str | Shown
 class Section:
     """A section of a page: its title, its parts, and the name of its place on the page.
 
-    It is folded to its title until it is opened or printed.
+    It is folded to its title until it is opened or printed; an appendix is printed only if it is
+    open.
     """
 
     title: str
     parts: Sequence[Part]
     name: str = ""
+    is_appendix: bool = False
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,7 @@ class Table:
         tall = " tall" if "information" in self.style else ""
         return "\n".join(
             [
-                f'<div class="scroll{tall}" role="region" aria-label="{label}" tabindex="0">',
+                f'<div class="scroll{tall}" role="group" aria-label="{label}" tabindex="0">',
                 f'<table class="{escape(self.style)}"{named}>',
                 f"<caption>{' '.join(words)}</caption>",
                 *([f"<thead><tr>{heads}</tr></thead>"] * any(self.columns)),

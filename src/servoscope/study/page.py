@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 import shlex
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -270,7 +271,8 @@ def _study_sections(run: RunData, figures: Figures) -> list[Section]:
             parts.append(forecasts)
         sections.append(Section("Criteria of selection side by side", parts, "criteria"))
     sections.append(Section("The images", [figures["slices"]], "images"))
-    return [*sections, *(_unit_section(run, unit, figures) for unit in run.units)]
+    main, *others = (_unit_section(run, unit, figures) for unit in run.units)
+    return [*sections, main, *(replace(other, is_appendix=True) for other in others)]
 
 
 def _result(run: RunData, figures: Figures, findings: list[Finding]) -> Section:
