@@ -1,11 +1,15 @@
-"""Two families of image features of one's own, tried beside those that are built in.
+"""
+Two families of features, one of them learned
+=============================================
+
+Image features of one's own, tried beside those that are built in::
 
     .venv/bin/python examples/more_features.py FOLDER
 
-FOLDER is a data set, as `servoscope acquire` and `servoscope import` write it. Cosines are the same
-functions of every image; the ridge estimates are learned from images and displacements. Both were
-tried in the assessment of families (docs/features.md) and are behind what is built in. Entry points
-bring such classes to the command line: docs/plugins.md.
+FOLDER is a data set, as ``servoscope acquire`` and ``servoscope import`` write it. Cosines are the
+same functions of every image; the ridge estimates are learned from images and displacements. Both
+were tried in the assessment of families (docs/features.md) and are behind what is built in. Entry
+points bring such classes to the command line: docs/plugins.md.
 """
 
 import sys

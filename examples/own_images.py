@@ -1,4 +1,8 @@
-"""Which image features inform of which degree of freedom, on a folder of your own images.
+"""
+A folder of your own images
+===========================
+
+Which image features inform of which degree of freedom::
 
     .venv/bin/python examples/own_images.py FOLDER
 

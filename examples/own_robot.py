@@ -1,9 +1,12 @@
-"""Positioning with a camera and a robot of your own.
+"""
+A camera and a robot of your own
+================================
 
-`MyCamera` and `MyRobot` are all that servoscope needs to know of them. `driver` stands for whatever
-your robot is commanded by: it has `get_pose()`, a 4 x 4 matrix in metres of the flange (or of any
-frame that moves with the camera), `move_linear(pose)`, which returns when the robot stands still,
-and `stop()`. Jog the robot to its reference view, then, with Python started in `examples/`:
+``MyCamera`` and ``MyRobot`` are all that servoscope needs to know of them. ``driver`` stands for
+whatever your robot is commanded by: it has ``get_pose()``, a 4 x 4 matrix in metres of the flange
+(or of any frame that moves with the camera), ``move_linear(pose)``, which returns when the robot
+stands still, and ``stop()``. Jog the robot to its reference view, then, with Python started in
+``examples/``::
 
     import servoscope as sv
     from own_robot import MyCamera, MyRobot, agreed

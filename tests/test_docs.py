@@ -7,10 +7,12 @@ from pathlib import Path
 
 import pytest
 
+import servoscope
 from servoscope.cli import _asked_for
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+TOP = ("README.md", "CONTRIBUTING.md", "examples/README.md")
+PAGES = [*(ROOT / name for name in TOP), *sorted((ROOT / "docs").glob("*.md"))]
 FENCED = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 RUN = re.compile(r"(\.venv/bin/)?(servoscope|python -m|pip) .*")
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
@@ -45,6 +47,32 @@ def test_tests_benchmarks_and_examples_that_are_named_are_there(page: Path) -> N
     named = set(re.findall(r"\b(?:tests|examples)/[\w/]+\.py", text))
     named |= {f"benchmarks/{name}.py" for name in re.findall(r"-m benchmarks (\w+)", text)}
     assert not [name for name in sorted(named) if not (ROOT / name).exists()]
+
+
+def anchors(page: Path) -> set[str]:
+    """What GitHub lets links to a page's headings end with."""
+    text = FENCED.sub("", page.read_text(encoding="utf-8"))
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CHANGELOG.md"], ids=lambda page: page.name)
+def test_links_lead_to_files_and_headings(page: Path) -> None:
+    text = FENCED.sub("", page.read_text(encoding="utf-8"))
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        if "://" in link:
+            continue
+        path, _, heading = link.partition("#")
+        target = (page.parent / path).resolve() if path else page
+        assert target.exists(), link
+        if heading and target.suffix == ".md":
+            assert heading in anchors(target), link
+
+
+def test_the_reference_has_every_public_name() -> None:
+    text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    listed = set(re.findall(r"^   (\w+)$", text, re.MULTILINE))
+    assert listed == set(servoscope.__all__)
 
 
 def python_of(page: Path) -> list[str]:
