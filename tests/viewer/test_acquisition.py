@@ -1,8 +1,10 @@
 """The plan is seen before a robot moves; the robot takes images when a person says so."""
 
 import json
+import signal
 import sys
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from servoscope import acquire_from
 from servoscope.acquisition.recording import RecordingConfig
 from servoscope.cli import main
 from servoscope.errors import AcquisitionStoppedError
+from servoscope.poses import pose_error
 from servoscope.positioning.workspace import Workspace
 from servoscope.viewer.acquisition import LiveAcquisition, planned
 from servoscope.viewer.way import COLOURS, Way
@@ -74,7 +77,7 @@ class Page:
 def taken(folder, robot, page, **options):
     live = LiveAcquisition(robot, page, **options)
     return live, acquire_from(
-        robot, robot, folder, confirm=live.confirm, on_shot=live.on_shot,
+        live.robot, robot, folder, confirm=live.confirm, on_shot=live.on_shot,
         on_message=live.on_message, **SMALL,
     )  # fmt: skip
 
@@ -163,6 +166,32 @@ def test_stop_within_a_move_stops_the_robot_and_the_same_command_goes_on(tmp_pat
     _, data = taken(tmp_path / "part", again, page)
     assert page.marked[0][0] != ()
     assert len(data) == 5
+
+
+def test_stop_is_heard_on_the_way_back_after_a_fault(tmp_path) -> None:
+    robot = Driver()
+
+    def fail() -> np.ndarray:
+        robot.seconds = 20.0
+        robot.is_moving.clear()
+        threading.Thread(target=press).start()
+        raise OSError("unplugged")
+
+    def press() -> None:
+        robot.is_moving.wait(5)
+        page.player.stop()
+
+    def break_the_camera(live) -> None:
+        robot.read = fail
+        live.run()
+
+    page = Page(LiveAcquisition.step, break_the_camera)
+    start = time.monotonic()
+    with pytest.raises(AcquisitionStoppedError, match="unplugged"):
+        taken(tmp_path / "part", robot, page)
+    assert time.monotonic() - start < 10
+    assert robot.stops >= 1
+    assert pose_error(T_WORLD_REF, robot.pose)[0] > 1e-3
 
 
 def test_after_the_end_stop_stops_the_robot_itself_and_nothing_moves(tmp_path) -> None:
@@ -306,6 +335,17 @@ def test_stop_ends_the_command_as_ctrl_c_does(command, monkeypatch, capsys) -> N
     assert sys.modules["acquired_cell"].Cell.made[0].stops == 1
     pressing(monkeypatch, "run")
     assert main(command) == 0
+
+
+def test_ctrl_c_while_the_page_waits_ends_the_command(command, monkeypatch, capsys) -> None:
+    press = lambda self: signal.raise_signal(signal.SIGINT)  # noqa: E731
+    monkeypatch.setattr(LiveAcquisition, "ctrl_c", press, raising=False)
+    pressing(monkeypatch, "step", "ctrl_c")
+    assert main(command) == 130
+    err = capsys.readouterr().err
+    assert "1 of 3 images are on disk" in err
+    assert "The page stays" not in err
+    assert sys.modules["acquired_cell"].Cell.made[0].stops == 1
 
 
 def test_a_plan_alone_is_shown_and_nothing_moves(command, monkeypatch, capsys) -> None:

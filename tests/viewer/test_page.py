@@ -54,7 +54,7 @@ class Acquisition(threading.Thread):
     def run(self) -> None:
         try:
             acquire_from(
-                self.robot, self.robot, self.folder, confirm=self.live.confirm,
+                self.live.robot, self.robot, self.folder, confirm=self.live.confirm,
                 on_shot=self.live.on_shot, n_images=30, translation_mm=10, rotation_deg=4,
                 n_reference_images=2, settle_s=0.2,
             )  # fmt: skip

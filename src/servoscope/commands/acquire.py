@@ -252,7 +252,8 @@ def _take(
 
         try:
             acquire_from(
-                device, taking, out, force=force, confirm=agreed, on_message=say,
+                device if live is None else live.robot, taking, out,
+                force=force, confirm=agreed, on_message=say,
                 on_progress=lambda n_done: advances[0](n_done),
                 on_shot=None if live is None else live.on_shot, **settings,
             )  # fmt: skip

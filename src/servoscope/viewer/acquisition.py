@@ -29,7 +29,7 @@ def planned(plan: Plan, reference_image: Image = _UNSEEN) -> History:
 
 
 class LiveAcquisition(Buttons):
-    """What `acquire_from` is to call, for a page whose buttons command it.
+    """What `acquire_from` is to call and to move, for a page whose buttons command it.
 
     Nothing is moved before Step or Run. Step lets the robot go to one image, and ends running; Run
     lets it take all. Stop ends the acquisition as Ctrl-C does, also within a move.

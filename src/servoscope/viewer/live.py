@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from servoscope.errors import RobotFaultError
 from servoscope.positioning.interfaces import Array, Camera, Image, Robot
@@ -52,16 +51,15 @@ class LiveRun(Buttons):
     ) -> None:
         super().__init__(robot)
         self.history = history
-        self._positioner, self._robot, self._camera = positioner, robot, camera
+        self._positioner, self._camera = positioner, camera
         self._show, self._say, self._truth, self._on_step = show, say, truth, on_step
         self._is_allowed = False
 
     def until_end(self) -> PositioningResult:
         """Run until the loop ends or is stopped; in the main thread, so that Stop ends moves."""
         self.begin()
-        gated: Any = _Gated(self._robot, self._check_allowed)
         try:
-            result = self._positioner.run(gated, self._camera, on_step=self._look)
+            result = self._positioner.run(self.robot, self._camera, on_step=self._look)
         finally:
             self.end()
         self.history.end = f"{result.status}: {result.message}"
@@ -88,7 +86,7 @@ class LiveRun(Buttons):
         self._is_allowed = True
         self._say(f"{look.words} The robot moves.")
 
-    def _check_allowed(self) -> None:
+    def check_move(self) -> None:
         """Raise if the robot may not move now; a move that was shown may be made once."""
         is_allowed, self._is_allowed = self._is_allowed, False
         if self.was_stopped or not (is_allowed or self.is_running):
@@ -96,21 +94,3 @@ class LiveRun(Buttons):
                 "the loop gave up and would drive back to the best view, which is done after "
                 "Run alone"
             )
-
-
-class _Gated:
-    """A robot that is asked whether it may move before every move."""
-
-    def __init__(self, robot: Robot, check: Callable[[], None]) -> None:
-        self._robot, self._check = robot, check
-
-    def __getattr__(self, name: str) -> Any:
-        value = getattr(self._robot, name)
-        if name not in ("move", "move_to"):
-            return value
-
-        def checked(pose: Array) -> Any:
-            self._check()
-            return value(pose)
-
-        return checked

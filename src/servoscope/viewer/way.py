@@ -94,6 +94,6 @@ class Way:
 
     def after(self, taken: tuple[int, ...], refused: tuple[int, ...]) -> Array | None:
         """Where the image that is taken next is, (4, 4), or None if there is none."""
-        left = (i for i in self.plan.order if i not in (*taken, *refused))
-        k = next(left, None)
+        done = {*taken, *refused}
+        k = next((i for i in self.plan.order if i not in done), None)
         return None if k is None else self.camera_at(self.plan.poses[k])
