@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 from servoscope.data import folder as dataset_folder
+from servoscope.data.checks import IMAGE_FAULTS, image_faults
 from servoscope.data.folder import KEPT_IMAGES, Progress, write_progress
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import DataSetError, FolderExistsError, ServoscopeError
@@ -522,3 +523,29 @@ def test_a_fingerprint_is_of_images_poses_and_reference(tmp_path):
         dataclasses.replace(data, times=np.arange(4.0)),
     ]
     assert len({one.fingerprint() for one in [data, *others]}) == 6
+
+
+def test_images_that_are_left_on_disk_are_those_in_memory(saved, tmp_path, monkeypatch):
+    whole = PoseImageSet.load(saved)
+    monkeypatch.setattr("servoscope.data.images.images_share", lambda memory: 0)
+    data = PoseImageSet.load(saved, memory="1GB")
+    assert not isinstance(data.images, np.ndarray)
+    np.testing.assert_array_equal(np.asarray(data.images), whole.images)
+    assert data.fingerprint() == whole.fingerprint()
+    assert image_faults(data.images, data.T_world_cam).keys() == set(IMAGE_FAULTS)
+    some = data[10:2:-3]
+    assert not isinstance(some.images, np.ndarray)
+    np.testing.assert_array_equal(some.images[1], whole.images[7])
+    some.save(tmp_path / "some")
+    np.testing.assert_array_equal(
+        PoseImageSet.load(tmp_path / "some").images, whole.images[10:2:-3]
+    )
+    in_memory = data.thinned(len(data)).images
+    np.testing.assert_array_equal(in_memory, whole.images)
+    assert isinstance(in_memory, np.ndarray)
+
+
+def test_a_thinned_set_is_even_in_time():
+    data = make(7, times=np.array([6.0, 5, 4, 3, 2, 1, 0]))
+    assert data.thinned(3).times.tolist() == [6, 3, 0]
+    assert data.thinned(7) is data

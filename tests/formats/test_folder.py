@@ -507,3 +507,24 @@ def test_pipes_and_folders_are_refused_without_waiting(pose_folder, name):
     (pose_folder.path / name).unlink()
     (pose_folder.path / name).mkdir()
     assert f"{name} must be a file, but is a folder" in refusal(pose_folder)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_images_that_exceed_the_memory_are_imported_by_way_of_the_disk(
+    pose_folder, monkeypatch, tmp_path, bits
+):
+    pose_folder.write_csv()
+    if bits == 16:
+        for name in pose_folder.names:
+            image = cv2.imread(str(pose_folder.path / name), cv2.IMREAD_UNCHANGED)
+            cv2.imwrite(str(pose_folder.path / name), image.astype(np.uint16) << 4)
+    cv2.imwrite(str(pose_folder.path / pose_folder.names[4]), np.zeros((1, 1), np.uint8))
+    options = ImportOptions(reference="02.png", skip_bad=True)
+    with pytest.warns(ServoscopeWarning):
+        in_memory = read_folder(pose_folder.path, options)
+    monkeypatch.setattr("servoscope.formats.assembly.images_share", lambda memory: 0)
+    with pytest.warns(ServoscopeWarning):
+        on_disk = read_folder(pose_folder.path, options)
+    assert not isinstance(on_disk.images, np.ndarray)
+    np.testing.assert_array_equal(np.asarray(on_disk.images), in_memory.images)
+    assert on_disk.names == in_memory.names

@@ -1,14 +1,26 @@
+import gc
 import json
 import os
+import pickle
 import shutil
 import struct
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from servoscope.errors import DataSetError
+from servoscope.errors import DataSetError, InvalidInputError
 from servoscope.storage import stacks
-from servoscope.storage.stacks import create_stack, read_stack, write_stack
+from servoscope.storage.stacks import (
+    Stack,
+    blocks_of,
+    create_stack,
+    gathered,
+    parse_bytes,
+    read_stack,
+    write_stack,
+)
 
 SHAPE = (30, 8, 9)
 
@@ -39,6 +51,55 @@ def refused(path, match, shape=SHAPE):
 
 def test_a_stack_comes_back_as_it_was_written(written, images):
     np.testing.assert_array_equal(read_stack(written, SHAPE, "uint8"), images)
+
+
+@given(data=st.data())
+def test_a_stack_is_indexed_as_the_array_that_it_stands_for(written, images, data):
+    stack, n = Stack(written, SHAPE, "uint8"), SHAPE[0]
+    items = data.draw(st.lists(st.integers(-n, n - 1), max_size=12))
+    some = np.array(items, dtype=int)
+    part = slice(*data.draw(st.tuples(*[st.integers(-n, n)] * 2, st.sampled_from([1, 3, -1]))))
+    for index in (some, part, data.draw(st.integers(-n, n - 1))):
+        np.testing.assert_array_equal(stack[index], images[index])
+    np.testing.assert_array_equal(np.asarray(stack.take(some)), images[some])
+    np.testing.assert_array_equal(stack.take(some)[::-1], images[some][::-1])
+    assert stack.take(some).shape == images[some].shape
+
+
+def test_blocks_of_a_stack_are_its_items_in_order(written, images, monkeypatch):
+    monkeypatch.setattr(stacks, "BLOCK_BYTES", 1)
+    blocks = list(blocks_of(Stack(written, SHAPE, "uint8")))
+    assert [len(block) for block in blocks] == [25, 5]
+    np.testing.assert_array_equal(np.concatenate(blocks), images)
+
+
+@pytest.mark.parametrize("in_memory", [0, 30 * 8 * 9 - 1, 30 * 8 * 9])
+def test_items_are_gathered_in_memory_or_on_disk(images, in_memory):
+    found = gathered(iter(images), SHAPE, "uint8", in_memory)
+    assert isinstance(found, np.ndarray) == (in_memory >= images.nbytes)
+    np.testing.assert_array_equal(np.asarray(found), images)
+
+
+def test_a_temporary_folder_goes_with_the_last_stack_that_refers_to_it(images):
+    stack = gathered(iter(images), SHAPE, "uint8", 0)
+    folder, some, sent = stack.path.parent, stack.take(np.arange(3)), pickle.dumps(stack)
+    del stack
+    gc.collect()
+    np.testing.assert_array_equal(np.asarray(pickle.loads(sent)), images)  # noqa: S301
+    gc.collect()
+    np.testing.assert_array_equal(some[:], images[:3])
+    del some
+    gc.collect()
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize(("text", "n"), [("1GB", 1e9), ("500 MB", 5e8), ("2g", 2e9), ("3e6", None)])
+def test_sizes_of_a_memory_are_read(text, n):
+    if n is None:
+        with pytest.raises(InvalidInputError, match="1MB or more"):
+            parse_bytes(text)
+    else:
+        assert parse_bytes(text) == n
 
 
 def test_zarr_reads_the_same(written, images):

@@ -16,6 +16,7 @@ from servoscope.assessment.outcome import Assessment
 from servoscope.assessment.rendered import sample_images
 from servoscope.assessment.view import begin_view, finish_view
 from servoscope.data.images import PoseImageSet
+from servoscope.data.splits import MOST_IMAGES
 from servoscope.errors import InvalidInputError
 from servoscope.features.catalogue import default_families, resolve_families
 from servoscope.pipeline import (
@@ -60,6 +61,7 @@ def assess(
     Parameters
     ----------
     data : PoseImageSet
+        Of more than `MOST_IMAGES` so many are used, evenly spread in time.
     families : sequence of str or transformer, optional
         The families of features to try: names of `servoscope.features.catalogue`, or objects with
         ``fit(images, displacements)`` and ``transform(images)``. All the default ones by default.
@@ -81,6 +83,7 @@ def assess(
     tried = default_families() if families is None else list(families)
     resolve_families(tried)
     make_regressor(regressor)
+    data = data.thinned(MOST_IMAGES)
     sample = sample_images(data, seed, n_jobs=n_jobs, progress=progress)
     return _assess(Decision(sample, tuple(tried), regressor, seed, n_jobs, progress), compare)
 

@@ -13,11 +13,13 @@ from servoscope.commands.options import (
     Force,
     Jobs,
     Json,
+    Memory,
     Protocol,
     Resume,
     RunOut,
     with_dofs,
 )
+from servoscope.storage.stacks import DEFAULT_MEMORY
 
 Tolerance = Annotated[
     str,
@@ -41,6 +43,7 @@ def assess(
     seed: int = 0,
     protocol: Protocol = "both",
     jobs: Jobs = None,
+    memory: Memory = DEFAULT_MEMORY,
     resume: Resume = False,
     force: Force = False,
     json: Json = False,
@@ -77,6 +80,7 @@ def assess(
     from servoscope.data.checks import check_data
     from servoscope.data.images import PoseImageSet
     from servoscope.data.independence import check_enough_images, mark_sequence
+    from servoscope.data.splits import MOST_IMAGES
     from servoscope.dofs import parse_dofs, parse_tolerances
     from servoscope.errors import InvalidInputError, ServoscopeWarning
     from servoscope.features.catalogue import parse_families
@@ -95,11 +99,11 @@ def assess(
         raise InvalidInputError(
             f"--out {out} is or holds the data set {dataset}; name another folder."
         )
-    data = with_dofs(PoseImageSet.load(dataset), dofs)
+    data = with_dofs(PoseImageSet.load(dataset, memory=memory), dofs)
     check_enough_images(data)
     for finding in check_data(data):
         warnings.warn(finding.text, ServoscopeWarning, stacklevel=2)
-    data = mark_sequence(data)  # the study's random split would flatter
+    data = mark_sequence(data.thinned(MOST_IMAGES))  # the study's random split would flatter
     settings = {"command": "assess", **asdict(config), "dataset": str(dataset.resolve())}
     settings |= {"tolerance": tolerances, "pose_error": label_errors, "families": tried}
     settings |= {"regressor": regressor, "dofs": list(data.dofs), "study": study}

@@ -27,6 +27,13 @@ RunOut = Annotated[Path, arg(help="Run folder to write.")]
 Jobs = Annotated[int | None, arg(metavar="N", help="Processes; by default as many as cores.")]
 Force = Annotated[bool, arg(help="Replace what is there, once the new is whole.")]
 Resume = Annotated[bool, arg(help="Go on from the finished stages of an interrupted run.")]
+Memory = Annotated[
+    str,
+    arg(
+        metavar="SIZE",
+        help="Images that take more than a quarter of it are read from disk as they are needed.",
+    ),
+]
 Json = Annotated[bool, arg(help="Print JSON.")]
 Protocol = Annotated[
     Literal["both", "honest", "paper"],

@@ -15,11 +15,13 @@ from servoscope.commands.options import (
     Force,
     Jobs,
     Json,
+    Memory,
     ModelOut,
     owning_model,
     with_dofs,
 )
 from servoscope.errors import InvalidInputError, ServoscopeWarning
+from servoscope.storage.stacks import DEFAULT_MEMORY
 from servoscope.wording import one_line
 
 if TYPE_CHECKING:
@@ -74,6 +76,7 @@ def train(
     dofs: Dofs = None,
     seed: int = 0,
     jobs: Jobs = None,
+    memory: Memory = DEFAULT_MEMORY,
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -114,6 +117,7 @@ def train(
     from servoscope.data.checks import check_data
     from servoscope.data.images import PoseImageSet
     from servoscope.data.independence import mark_sequence
+    from servoscope.data.splits import MOST_IMAGES
     from servoscope.features.catalogue import parse_families
     from servoscope.poses import DISPLAY_FACTORS, DOFS
     from servoscope.positioning.keyframe_model import KeyframeModel
@@ -128,9 +132,11 @@ def train(
             "a folder (PoseImageSet.append) and assess that."
         )
     check_free(out, force=force)
-    data = PoseImageSet.load(dataset)
-    for more in add:
-        data = data + PoseImageSet.load(more)
+    data, *others = (
+        PoseImageSet.load(folder, memory=memory).thinned(MOST_IMAGES) for folder in (dataset, *add)
+    )
+    for more in others:
+        data = data + more
     data = with_dofs(data, dofs)
     for finding in check_data(data):
         warnings.warn(finding.text, ServoscopeWarning, stacklevel=2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -29,6 +30,7 @@ from servoscope.data.trajectory import Trajectory
 from servoscope.dofs import mask_of
 from servoscope.kernels.repeats import find_repeats
 from servoscope.poses import DOFS, inverse_transform, pose_error
+from servoscope.storage.stacks import blocks_of
 
 IMAGE_FAULTS = ("black", "saturated", "flat", "repeated")
 """Why an image is of no use: nearly black, nearly all white, one grey, or the same as another that
@@ -55,6 +57,7 @@ MOST_ROWS, MOST_SECONDS = 3, 0.3
 
 _PIXELS_LOOKED_AT = 2**18
 _IMAGES_PER_BLOCK = 64
+_MOST_VIEWED, _N_STRETCHES = 4000, 8
 _NAMES_SHOWN = 3
 _THUMBNAIL, _SMALLER, _TINY = 64, 32, 16
 _HARDLY_VARIES = 1e-3  # of a variance of 1
@@ -130,18 +133,18 @@ def image_faults(
     >>> image_faults(images, np.stack([np.eye(4)] * 2))["black"]
     array([ True, False])
     """
-    step = max(1, round(np.sqrt(images[0].size / _PIXELS_LOOKED_AT)))
-    some = images[:, ::step, ::step]
-    parts = [
-        _grey_levels(some[start : start + _IMAGES_PER_BLOCK])
-        for start in range(0, len(images), _IMAGES_PER_BLOCK)
-    ]
+    step = max(1, round(np.sqrt(math.prod(images.shape[1:]) / _PIXELS_LOOKED_AT)))
+    parts, digests = [], []
+    for block in blocks_of(images):
+        for start in range(0, len(block), _IMAGES_PER_BLOCK):
+            parts.append(_grey_levels(block[start : start + _IMAGES_PER_BLOCK, ::step, ::step]))
+        digests += [blake2b(image.tobytes(), digest_size=16).digest() for image in block]
     bright, saturated, contrast = (np.concatenate(part) for part in zip(*parts, strict=True))
     black = bright <= BLACK_LEVEL
     white = ~black & (saturated > MOST_SATURATED)
     usual = np.median(contrast[~black & ~white]) if (~black & ~white).any() else 0.0
     flat = ~black & ~white & (contrast < min(LEAST_CONTRAST, max(0.25 * usual, 1e-9)))
-    repeated = _repeated(images, T_world_cam, ~(black | white | flat))
+    repeated = _repeated(digests, T_world_cam, ~(black | white | flat))
     return dict(zip(IMAGE_FAULTS, (black, white, flat, repeated), strict=True))
 
 
@@ -226,12 +229,19 @@ def _is_imported(data: PoseImageSet) -> bool:
 
 
 class _View:
-    """What several checks look at, each found once: sound images in the order of their times."""
+    """What several checks look at, each found once: sound images in the order of their times.
+
+    Of very many these are stretches of neighbours, evenly spread in time.
+    """
 
     def __init__(self, data: PoseImageSet) -> None:
         order = (
             np.arange(len(data)) if data.times is None else np.argsort(data.times, kind="stable")
         )
+        if len(order) > _MOST_VIEWED:
+            each = _MOST_VIEWED // _N_STRETCHES
+            starts = np.linspace(0, len(order) - each, _N_STRETCHES).round().astype(np.intp)
+            order = order[(starts[:, None] + np.arange(each)).ravel()]
         self.data = data.subset(order)
 
     @cached_property
@@ -492,13 +502,13 @@ def _grey_levels(images: NDArray[np.uint8]) -> tuple[NDArray[Any], ...]:
 
 
 def _repeated(
-    images: NDArray[np.uint8], T_world_cam: NDArray[np.float64], sound: NDArray[np.bool_]
+    digests: list[bytes], T_world_cam: NDArray[np.float64], sound: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
     """Which sound images equal an earlier one that was taken from another pose."""
     by_content: dict[bytes, list[int]] = defaultdict(list)
     for i in np.flatnonzero(sound):
-        by_content[blake2b(images[i].tobytes(), digest_size=16).digest()].append(int(i))
-    repeated = np.zeros(len(images), dtype=bool)
+        by_content[digests[i]].append(int(i))
+    repeated = np.zeros(len(digests), dtype=bool)
     for first, *others in by_content.values():
         moved = np.abs(T_world_cam[others] - T_world_cam[first]).max(axis=(1, 2), initial=0.0)
         repeated[others] = moved > 1e-6

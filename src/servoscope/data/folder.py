@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import os
 import shutil
 from array import array
@@ -38,6 +39,7 @@ from servoscope.storage.folders import (
 from servoscope.storage.reading import read_grey_png, read_json, read_lines
 from servoscope.storage.stacks import (
     PER_CHUNK,
+    Stack,
     create_stack,
     read_stack,
     read_stack_shape,
@@ -195,8 +197,10 @@ def read_meta(folder: Folder) -> dict[str, Any]:
     return meta
 
 
-def read(folder: Folder) -> dict[str, Any]:
+def read(folder: Folder, in_memory: float = math.inf) -> dict[str, Any]:
     """Everything in a data set folder, under the names of `PoseImageSet`'s fields and ``meta``.
+
+    Images of more than `in_memory` bytes are a `Stack`.
 
     Raises
     ------
@@ -208,7 +212,8 @@ def read(folder: Folder) -> dict[str, Any]:
     shape = read_stack_shape(path / "images.zarr", 3, "uint8")
     names, numbers, times = _read_poses(path / "poses.csv", shape[0])
     reference_image = read_grey_png(path / "reference.png", (shape[1], shape[2]), DataSetError)
-    images = read_stack(path / "images.zarr", shape, "uint8")
+    stack = Stack(path / "images.zarr", shape, "uint8")
+    images = stack if stack.nbytes > in_memory else stack[:]
     try:
         T_world_cam = poses_from_quaternions(numbers[:, :3], numbers[:, 3:])
         reference = np.array([[float(meta["reference"][key]) for key in POSE_COLUMNS[1:]]])

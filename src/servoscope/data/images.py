@@ -30,9 +30,24 @@ from servoscope.poses import (
     is_rigid,
     pose_error,
 )
+from servoscope.storage.stacks import blocks_of, parse_bytes, some_of
 
 SPLITS = ("random", "blocks")
 """How a set may be split: at random, or by blocks of time for images of one sequence."""
+
+_IMAGES_SHARE = 4
+
+
+def images_share(memory: str | None) -> float:
+    """Bytes of images that are kept in a memory such as "1GB" at once: a quarter of it.
+
+    Examples
+    --------
+    >>> images_share("2GB")
+    500000000.0
+    """
+    return np.inf if memory is None else parse_bytes(memory) / _IMAGES_SHARE
+
 
 _OUTLYING, _MOST_OUTLIERS = 2.0, 0.05
 _SAME_POSE = 1e-6  # metres and radians, as pose files are written
@@ -46,6 +61,7 @@ class PoseImageSet:
     Parameters
     ----------
     images : ndarray of shape (n_images, height, width), uint8
+        Or a `servoscope.storage.stacks.Stack`, where they are too many for the memory.
     T_world_cam : ndarray of shape (n_images, 4, 4)
         Camera to world, [m].
     T_world_ref : ndarray of shape (4, 4)
@@ -170,7 +186,9 @@ class PoseImageSet:
     def fingerprint(self) -> str:
         """A hash of the images, their poses and times, and the reference: 16 hexadecimal digits."""
         content = hashlib.sha256()
-        for array in (self.images, self.T_world_cam, self.T_world_ref, self.reference_image):
+        for block in blocks_of(self.images):
+            content.update(np.ascontiguousarray(block).data)
+        for array in (self.T_world_cam, self.T_world_ref, self.reference_image):
             content.update(np.ascontiguousarray(array).data)
         times = None if self.times is None else self.times.tolist()
         content.update(repr((self.pivot, self.split, times, self.ranges().tolist())).encode())
@@ -190,11 +208,35 @@ class PoseImageSet:
             raise DataSetError(f"No image is left of {len(self)}; a data set has one at least.")
         return replace(
             self,
-            images=self.images[indices],
+            images=some_of(self.images, indices),
             T_world_cam=self.T_world_cam[indices],
             names=[self.names[int(i)] for i in indices],
             times=None if self.times is None else self.times[indices],
         )
+
+    def thinned(self, most: int) -> PoseImageSet:
+        """At most so many of the images, evenly spread in time, in memory.
+
+        Images that have no times are in the order of time.
+
+        Examples
+        --------
+        >>> images, poses = np.zeros((9, 8, 8), np.uint8), np.tile(np.eye(4), (9, 1, 1))
+        >>> data = PoseImageSet(images, poses, np.eye(4), images[0], names=list("abcdefghi"))
+        >>> list(data.thinned(3).names)
+        ['a', 'e', 'i']
+        """
+        kept = self
+        if len(self) > most:
+            order = np.arange(len(self))
+            if self.times is not None:
+                order = np.argsort(self.times, kind="stable")
+            even = np.linspace(0, len(self) - 1, most).round().astype(np.intp)
+            kept = self.subset(np.sort(order[even]))
+        return kept if isinstance(kept.images, np.ndarray) else kept._in_memory()
+
+    def _in_memory(self) -> PoseImageSet:
+        return replace(self, images=np.asarray(self.images))
 
     def __getitem__(self, index: Any) -> PoseImageSet:
         """The images of a slice, of a mask with one bool an image, or of an array of indices.
@@ -308,7 +350,10 @@ class PoseImageSet:
         """
         n_images = len(self.images)
         dataset_folder.create(folder, n_images, self.image_shape)
-        dataset_folder.write_images(folder, 0, self.images)
+        start = 0
+        for block in blocks_of(self.images):
+            dataset_folder.write_images(folder, start, block)
+            start += len(block)
         dataset_folder.finish(
             folder,
             reference_image=self.reference_image,
@@ -326,15 +371,22 @@ class PoseImageSet:
         )
 
     @classmethod
-    def load(cls, folder: str | PathLike[str]) -> PoseImageSet:
+    def load(cls, folder: str | PathLike[str], *, memory: str | None = None) -> PoseImageSet:
         """Read a data set folder.
+
+        Parameters
+        ----------
+        folder : path-like
+        memory : str, optional
+            Such as "1GB": images that take more than a quarter of it stay on disk, and are read
+            where they are asked for. By default all are read.
 
         Raises
         ------
         DataSetError
             If the folder is missing, unfinished, damaged or of another version.
         """
-        content = dataset_folder.read(folder)
+        content = dataset_folder.read(folder, images_share(memory))
         meta = content.pop("meta")
         ranges = meta["pivot_ranges"]
         try:

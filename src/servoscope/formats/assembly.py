@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.data.images import PoseImageSet
+from servoscope.data.images import PoseImageSet, images_share
 from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.formats.frames import (
     BAD_IMAGE,
@@ -32,6 +32,7 @@ from servoscope.formats.images import (
 from servoscope.formats.neighbourhood import choose_reference, near_reference
 from servoscope.formats.options import ImportOptions
 from servoscope.poses import pose_error
+from servoscope.storage.stacks import some_of
 
 MOST_BYTES = 2**29
 """Most bytes of images that are kept of a bag or a video."""
@@ -104,7 +105,7 @@ def assemble_data_set(
         for reason, is_bad in faults.items():
             drops.add(reason, kept.take(is_bad).names)
         sound = ~np.any(list(faults.values()), axis=0)
-        kept, images = kept.take(sound), images[sound]
+        kept, images = kept.take(sound), some_of(images, sound)
         _check_enough(kept, drops)
     elif found := fault_words(faults, kept.names):
         _warn(f"{kept.folder}: of {len(kept)} images {found}; leave them out with --skip-bad.")
@@ -123,7 +124,7 @@ def assemble_data_set(
         source={
             "format": format_name,
             "folder": str(kept.folder),
-            "options": {**asdict(options), "units": options.length_unit},
+            "options": {**_noted(options), "units": options.length_unit},
             "reference": reference_name,
             "n_kept": len(kept),
             "dropped": drops.counts(),
@@ -135,6 +136,11 @@ def assemble_data_set(
     for text in (*texts, *_too_near(data, options)):
         _warn(f"{kept.folder}: {text}")
     return data
+
+
+def _noted(options: ImportOptions) -> dict[str, Any]:
+    """The options that the data set depends on."""
+    return {name: value for name, value in asdict(options).items() if name != "memory"}
 
 
 def _warn(text: str) -> None:
@@ -250,14 +256,19 @@ def _read_images(
     """The frames whose images can be read, the images, and their largest grey level."""
     decoded = frames.images(options.image_width)
     images, largest, errors = stack_images(
-        decoded, frames.paths, reference, on_progress, skip_bad=options.skip_bad
+        decoded,
+        frames.paths,
+        reference,
+        on_progress,
+        skip_bad=options.skip_bad,
+        in_memory=images_share(options.memory),
     )
     if not any(errors):
         return frames, images, largest
     readable = np.array([error is None for error in errors])
     frames = _keep(frames, readable, BAD_IMAGE, drops)
     _check_enough(frames, drops)
-    return frames, images[readable], largest
+    return frames, some_of(images, readable), largest
 
 
 def _keep(frames: Frames, kept: NDArray[np.bool_], reason: str, drops: Drops) -> Frames:

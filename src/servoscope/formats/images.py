@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 import warnings
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, closing
 from os import PathLike
@@ -25,6 +26,7 @@ from servoscope.storage.reading import (
     without_advice,
     words,
 )
+from servoscope.storage.stacks import gathered
 
 BIT_DEPTHS = (8, 10, 12, 14, 16)
 """Bits that cameras fill, of which the least that hold the largest grey level are taken."""
@@ -34,8 +36,6 @@ IMAGE_ENDINGS = (
     *(".jp2", ".tga"),
 )
 """Endings by which images are known where nothing names them."""
-
-_IMAGES_PER_BLOCK = 256
 
 
 def filled_bits(brightest: int, bit_depth: int | None, where: str) -> int:
@@ -92,12 +92,10 @@ def to_eight_bits(levels: NDArray[np.uint8] | NDArray[np.uint16], bits: int) -> 
     array([[255,   1,   0]], dtype=uint8)
     """
     if levels.dtype == np.uint8:
-        return np.asarray(levels, dtype=np.uint8)
-    images = np.empty(levels.shape, np.uint8)
-    for start in range(0, len(levels), _IMAGES_PER_BLOCK):
-        block = slice(start, start + _IMAGES_PER_BLOCK)
-        images[block] = levels[block] >> (bits - 8)
-    return images
+        return levels  # type: ignore[return-value]
+    in_memory = math.inf if isinstance(levels, np.ndarray) else 0
+    upper = ((level >> (bits - 8)).astype(np.uint8) for level in levels)
+    return gathered(upper, levels.shape, "uint8", in_memory)
 
 
 _FILES_AT_ONCE = 256
@@ -204,8 +202,9 @@ def stack_images(
     on_progress: Callable[[int], object] | None = None,
     *,
     skip_bad: bool = False,
+    in_memory: float = math.inf,
 ) -> tuple[GreyLevels, int, list[DataSetError | None]]:
-    """Grey images of one shape in one array.
+    """Grey images of one shape in one array, or in a stack on disk.
 
     Parameters
     ----------
@@ -219,6 +218,8 @@ def stack_images(
         Called with the number of images read.
     skip_bad : bool
         Go on after an image that cannot be read, rather than raise its error.
+    in_memory : float
+        Images that take more bytes than that are gathered on disk.
 
     Returns
     -------
@@ -234,19 +235,26 @@ def stack_images(
     DataSetError
         The first of these errors, unless they are to be skipped.
     """
-    images = np.zeros((len(names), *like.shape), like.dtype)
     errors: list[DataSetError | None] = []
-    brightest = 0
-    with closing(decoded):
+    brightest, black = 0, np.zeros_like(like)
+
+    def readable() -> Iterator[GreyLevels]:
+        nonlocal brightest
         for name, found in zip(names, decoded, strict=True):
             error = found if isinstance(found, DataSetError) else _unlike(found[0], like, name)
             if error is not None and not skip_bad:
                 raise error
-            if error is None and not isinstance(found, DataSetError):
-                images[len(errors)], brightest = found[0], max(brightest, found[1])
             errors.append(error)
+            if error is None and not isinstance(found, DataSetError):
+                brightest = max(brightest, found[1])
+                yield found[0]
+            else:
+                yield black
             if on_progress is not None:
                 on_progress(len(errors))
+
+    with closing(decoded):
+        images = gathered(readable(), (len(names), *like.shape), like.dtype.name, in_memory)
     return images, brightest, errors
 
 

@@ -9,6 +9,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 import numpy as np
 
 from servoscope.errors import InvalidInputError
+from servoscope.storage.stacks import DEFAULT_MEMORY, parse_bytes
 
 Direction = Literal["camera-to-world", "world-to-camera"]
 Units = Literal["m", "mm"]
@@ -58,6 +59,9 @@ class ImportOptions:
     split : {"auto", "random", "blocks"}
         How images are split for training and testing: at random, by blocks of time, or by
         blocks wherever times are known (auto).
+    memory : str
+        Such as "1GB": images that take more than a quarter of it are kept on disk while they are
+        read, in the folder for temporary files (TMPDIR).
     skip_bad : bool
         Leave out unusable images and poses, and images that show nothing, and count them, instead
         of stopping at the first.
@@ -85,6 +89,7 @@ class ImportOptions:
     axes: Axes = "opencv"
     bit_depth: int | None = None
     split: Literal["auto", "random", "blocks"] = "auto"
+    memory: str = DEFAULT_MEMORY
     skip_bad: bool = False
 
     def __post_init__(self) -> None:
@@ -95,6 +100,7 @@ class ImportOptions:
                 f"Give reference ({self.reference!r}) or reference_index "
                 f"({self.reference_index}), not both."
             )
+        parse_bytes(self.memory)
         for name in ("max_mm", "max_deg", "image_width"):
             self._check_number(name, above_zero=True)
         if self.bit_depth is not None and self.bit_depth not in range(8, 17):

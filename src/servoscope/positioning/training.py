@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from servoscope.data.images import PoseImageSet
 from servoscope.data.independence import LEAST_IMAGES, independent_groups
-from servoscope.data.splits import LEAST_GROUPS
+from servoscope.data.splits import LEAST_GROUPS, MOST_IMAGES
 from servoscope.dofs import mask_of
 from servoscope.errors import DataSetError, InvalidInputError, ServoscopeWarning
 from servoscope.keyframe.fitting import evenly_spread
@@ -93,7 +93,8 @@ def train(
     Parameters
     ----------
     data : PoseImageSet
-        Spread over the range that is to be covered. Its poses may be the flange's: where the
+        Spread over the range that is to be covered; of more than `MOST_IMAGES` so many are used,
+        evenly spread in time. Its poses may be the flange's: where the
         camera sits need not be known. The model reads and commands the degrees of freedom of
         ``data.dofs``.
     method : {"auto", "keyframe", "features"}
@@ -140,6 +141,7 @@ def train(
         raise InvalidInputError(
             "A keyframe takes no families and no regressor; leave them out, or train by features."
         )
+    data = data.thinned(MOST_IMAGES)
     _check_dofs(data)
     if assessment is not None:
         assessment.check(len(data))

@@ -280,11 +280,21 @@ def shared_folder() -> str:
     in shared memory, where there is enough. It goes when this process ends. If that is killed, the
     next one that asks for such a folder removes it: its lock shows that the owner is gone.
     """
+    return _own_folder(_places()[0])
+
+
+@cache
+def scratch_folder() -> str:
+    """A folder on disk for what the memory does not hold; it goes as `shared_folder` does."""
+    return _own_folder(Path(tempfile.gettempdir()))
+
+
+def _own_folder(place: Path) -> str:
     remove_abandoned()
     owner = os.getpid()
     with ExitStack() as stack:
         while True:
-            folder = _places()[0] / f"servoscope-{owner}-{secrets.token_hex(4)}"
+            folder = place / f"servoscope-{owner}-{secrets.token_hex(4)}"
             if stack.enter_context(locked(_lock_of(folder))):
                 break
         folder.mkdir(mode=0o700)

@@ -7,13 +7,21 @@ and each chunk must declare the size that it has, before anything is unpacked.
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Iterable, Iterator
+from copy import copy
+from itertools import islice
 from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
 from typing import Any
+from weakref import finalize
 
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.errors import DataSetError
+from servoscope.errors import DataSetError, InvalidInputError
+from servoscope.storage.folders import scratch_folder
 from servoscope.storage.reading import check_regular, read_json
 from servoscope.wording import one_line
 
@@ -76,29 +84,206 @@ def read_stack_shape(path: Path, n_axes: int, dtype: str) -> tuple[int, ...]:
     return _read_description(path, n_axes, dtype)[0]
 
 
-def read_stack(path: Path, shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
-    """The items of a stack, which must have the given shape.
+class Stack:
+    """Items of a stack on disk, read where they are asked for: at most a block of them at a time.
 
-    One that is missing, damaged, of another shape, type or codec, that lost a chunk or has one that
-    declares another size, is a `DataSetError`.
+    ``stack[index]`` is an array of some items, `take` chooses items without reading them, and
+    ``np.asarray(stack)`` reads all. It has the shape and type of the array that it stands for.
+
+    Parameters
+    ----------
+    path : Path
+    shape : tuple of int
+        That the stack must have.
+    dtype : str
+
+    Raises
+    ------
+    DataSetError
+        If it is missing, of another shape, type or codec, lost a chunk or has one that declares
+        another size. Items that turn out to be damaged are one where they are read.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> items = np.arange(24, dtype=np.uint8).reshape(6, 2, 2)
+    >>> with TemporaryDirectory() as folder:
+    ...     create_stack(Path(folder) / "items", items.shape, "uint8")
+    ...     write_stack(Path(folder) / "items", 0, items)
+    ...     stack = Stack(Path(folder) / "items", items.shape, "uint8")
+    ...     len(stack.take(np.array([5, 0]))), stack[1:3].tolist() == items[1:3].tolist()
+    (2, True)
     """
-    import zarr
 
-    declared, per_chunk = _read_description(path, len(shape), dtype)
-    if declared != shape:
-        raise _refusal(path, f"it holds {dtype} of shape {declared}, not {shape}")
-    n_chunks, inner = -(-shape[0] // per_chunk), "0" * (len(shape) - 1)
-    paths = [path.joinpath("c", str(i), *inner) for i in range(n_chunks)]
-    if lost := sum(not chunk.exists() for chunk in paths):
-        raise _refusal(path, f"{lost} of {len(paths)} chunks are missing")
-    n_bytes = per_chunk * math.prod(shape[1:]) * np.dtype(dtype).itemsize
-    packed = sum(_check_chunk(path, chunk, n_bytes) for chunk in paths)
-    if (unpacked := n_bytes * n_chunks) > max(LARGEST_CONSTANT, _MOST_PACKED * packed):
-        raise _refusal(path, f"{packed} bytes of files would unpack to {unpacked}")
-    try:
-        return np.asarray(zarr.open_array(path, mode="r", zarr_format=3)[:])
-    except Exception as error:  # zarr and its codecs raise of every kind on damaged files
-        raise _refusal(path, error) from error
+    def __init__(self, path: Path, shape: tuple[int, ...], dtype: str) -> None:
+        declared, per_chunk = _read_description(path, len(shape), dtype)
+        if declared != shape:
+            raise _refusal(path, f"it holds {dtype} of shape {declared}, not {shape}")
+        n_chunks, inner = -(-shape[0] // per_chunk), "0" * (len(shape) - 1)
+        paths = [path.joinpath("c", str(i), *inner) for i in range(n_chunks)]
+        if lost := sum(not chunk.exists() for chunk in paths):
+            raise _refusal(path, f"{lost} of {len(paths)} chunks are missing")
+        n_bytes = per_chunk * math.prod(shape[1:]) * np.dtype(dtype).itemsize
+        packed = sum(_check_chunk(path, chunk, n_bytes) for chunk in paths)
+        if (unpacked := n_bytes * n_chunks) > max(LARGEST_CONSTANT, _MOST_PACKED * packed):
+            raise _refusal(path, f"{packed} bytes of files would unpack to {unpacked}")
+        self.path, self.dtype = path, np.dtype(dtype)
+        self._item, self._items = shape[1:], np.arange(shape[0])
+        self.folder: _Temporary | None = None
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape of the array that it stands for."""
+        return len(self), *self._item
+
+    @property
+    def ndim(self) -> int:
+        """The number of axes."""
+        return 1 + len(self._item)
+
+    @property
+    def nbytes(self) -> int:
+        """The bytes of all items in memory."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def take(self, items: NDArray[np.integer]) -> Stack:
+        """Some of the items, in their order, none of which is read."""
+        taken = copy(self)
+        taken._items = self._items[items]
+        return taken
+
+    def __getitem__(self, index: Any) -> Any:
+        """The items of an index along the first axis, as an array."""
+        items = self._items[index]
+        if not items.ndim:
+            return self._read(items[None])[0]
+        return self._read(items)
+
+    def __iter__(self) -> Iterator[NDArray[Any]]:
+        for block in blocks_of(self):
+            yield from block
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        if copy is False:
+            raise ValueError("A stack on disk cannot be an array without being read.")
+        return np.asarray(self._read(self._items), dtype=dtype)
+
+    def _read(self, items: NDArray[np.intp]) -> NDArray[Any]:
+        import zarr
+
+        if not items.size:
+            return np.empty((0, *self._item), self.dtype)
+        wanted, place = np.unique(items, return_inverse=True)
+        try:
+            stack = zarr.open_array(self.path, mode="r", zarr_format=3)
+            if wanted[-1] - wanted[0] == len(wanted) - 1:
+                found = np.asarray(stack[int(wanted[0]) : int(wanted[-1]) + 1])
+            else:
+                found = np.asarray(stack.oindex[wanted])
+        except Exception as error:  # zarr and its codecs raise of every kind on damaged files
+            raise _refusal(self.path, error) from error
+        return found if np.array_equal(wanted, items) else found[place]
+
+
+def some_of(items: NDArray[Any], chosen: NDArray[Any]) -> NDArray[Any]:
+    """Some items of an array or of a stack, chosen by their numbers or by a mask.
+
+    Those of a stack are not read.
+    """
+    return items.take(chosen) if isinstance(items, Stack) else items[chosen]
+
+
+DEFAULT_MEMORY = "1GB"
+"""What a command keeps in memory at once, by default."""
+
+_UNITS = {"": 1.0, "KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
+
+
+def parse_bytes(text: str) -> float:
+    """Bytes that a text such as 500MB names.
+
+    Raises
+    ------
+    InvalidInputError
+        If it names none, or less than 1 MB.
+
+    Examples
+    --------
+    >>> parse_bytes("1.5 GB")
+    1500000000.0
+    """
+    found = re.fullmatch(r"(\d+(?:\.\d*)?)\s*([KMGT]?)I?B?", text.strip().upper())
+    n_bytes = float(found[1]) * _UNITS[f"{found[2]}B" if found[2] else ""] if found else 0.0
+    if n_bytes < 1e6:
+        raise InvalidInputError(f"memory must be 1MB or more, such as 500MB or 4GB, got {text!r}.")
+    return n_bytes
+
+
+def read_stack(path: Path, shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
+    """All items of a stack at once; see `Stack`."""
+    items: NDArray[Any] = Stack(path, shape, dtype)[:]
+    return items
+
+
+def gathered(
+    items: Iterable[NDArray[Any]], shape: tuple[int, ...], dtype: str, in_memory: float
+) -> NDArray[Any]:
+    """Items that come one after another as an array, or as a `Stack` where they are too many.
+
+    Parameters
+    ----------
+    items : iterable of shape[0] ndarray
+    shape : tuple of int
+        Of all of them.
+    dtype : str
+    in_memory : float
+        Where they take more bytes than that, they are written to a temporary folder, which goes
+        with the stack.
+    """
+    if math.prod(shape) * np.dtype(dtype).itemsize <= in_memory:
+        array = np.empty(shape, dtype)
+        for i, item in enumerate(items):
+            array[i] = item
+        return array
+    path = Path(mkdtemp(dir=scratch_folder())) / "stack.zarr"
+    create_stack(path, shape, dtype)
+    start, n, left = 0, _per_block(shape, np.dtype(dtype)), iter(items)
+    while block := list(islice(left, n)):
+        write_stack(path, start, np.stack(block))
+        start += len(block)
+    stack: Any = Stack(path, shape, dtype)
+    stack.folder = _Temporary(path.parent)
+    return stack
+
+
+class _Temporary:
+    """A folder that goes when nothing refers to it any more."""
+
+    def __init__(self, path: Path) -> None:
+        self._end = finalize(self, rmtree, path, ignore_errors=True)
+
+    def __getstate__(self) -> None:  # another process does not own it
+        return None
+
+
+BLOCK_BYTES = 2**24
+"""Bytes of the items that are read of a stack at a time."""
+
+
+def blocks_of(items: NDArray[Any] | Stack) -> Iterator[NDArray[Any]]:
+    """An array, or a stack, in blocks of some items, in their order."""
+    n = _per_block(items.shape, items.dtype)
+    for start in range(0, len(items), n):
+        yield items[start : start + n]
+
+
+def _per_block(shape: tuple[int, ...], dtype: np.dtype[Any]) -> int:
+    """Items of a block, in whole chunks, so that none is packed or unpacked twice."""
+    n = BLOCK_BYTES // max(1, math.prod(shape[1:]) * dtype.itemsize)
+    return max(PER_CHUNK, n // PER_CHUNK * PER_CHUNK)
 
 
 def _read_description(path: Path, n_axes: int, dtype: str) -> tuple[tuple[int, ...], int]:
