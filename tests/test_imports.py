@@ -15,7 +15,7 @@ FILES = sorted(SOURCE.rglob("*.py"))
 # From left to right: a module imports from rooms to its left, or from its own.
 ROOMS = (
     ("errors", "wording"),
-    ("storage",),
+    ("storage", "cluster"),
     ("processes", "compiled", "arrays", "plugins"),
     ("poses",),
     ("dofs", "report"),

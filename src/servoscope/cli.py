@@ -11,7 +11,7 @@ import sys
 import traceback
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import redirect_stderr
+from contextlib import AbstractContextManager, nullcontext, redirect_stderr
 from errno import ENOSPC
 from typing import Any
 
@@ -19,9 +19,10 @@ from servoscope import __version__
 from servoscope.commands.catalogue import named, parse
 from servoscope.commands.streams import discard_unwritten, prepare_streams, print_message
 from servoscope.commands.usage import nearest, usage_line
-from servoscope.errors import ServoscopeError
+from servoscope.errors import InvalidInputError, ServoscopeError
 from servoscope.wording import one_line, printable
 
+_CLUSTER_OPTIONS = ("--dask", "--workers")
 _LONGEST_MESSAGE = 2000
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -47,12 +48,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in arguments
     arguments = [argument for argument in arguments if argument != "--debug"]
+    cluster, arguments = _cluster_options(arguments)
     warnings.showwarning = _print_warning
     warnings.filterwarnings("ignore", message=r"\d+ tasks (which|have)")
-    logging.getLogger("asyncio").setLevel(logging.CRITICAL)
+    for noisy in ("asyncio", "distributed"):
+        logging.getLogger(noisy).setLevel(logging.CRITICAL)
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # it prints names of files as they are
     try:
-        _run(arguments or ["--help"])
+        _run(arguments or ["--help"], cluster)
         sys.stdout.flush()
     except KeyboardInterrupt:
         from servoscope.processes import stop_processes
@@ -75,7 +78,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _run(arguments: Sequence[str]) -> None:
+def _cluster_options(arguments: list[str]) -> tuple[dict[str, str], list[str]]:
+    """What ``--dask`` and ``--workers`` say, by name, and the other arguments."""
+    said, others, left = {}, [], iter(arguments)
+    for argument in left:
+        name, equals, value = argument.partition("=")
+        if name in _CLUSTER_OPTIONS:
+            said[name] = value if equals else next(left, "")
+        else:
+            others.append(argument)
+    return said, others
+
+
+def _sharing(said: dict[str, str]) -> AbstractContextManager[object]:
+    """What shares the work of a command with a cluster, if one is named."""
+    if not said:
+        return nullcontext()
+    from servoscope.cluster import on_cluster
+
+    workers = said.get("--workers")
+    if workers is not None and not (workers.isascii() and workers.isdigit()):
+        raise InvalidInputError(f"--workers must be a number of workers, got {workers!r}.")
+    return on_cluster(said.get("--dask"), None if workers is None else int(workers))
+
+
+def _run(arguments: Sequence[str], cluster: dict[str, str]) -> None:
     if list(arguments) == ["--version"]:
         print(f"servoscope {__version__}")
         return
@@ -83,7 +110,8 @@ def _run(arguments: Sequence[str]) -> None:
     from servoscope.storage.folders import remove_abandoned
 
     remove_abandoned()
-    command()
+    with _sharing(cluster):
+        command()
 
 
 def _asked_for(arguments: Sequence[str]) -> Callable[[], None]:

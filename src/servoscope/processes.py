@@ -17,6 +17,7 @@ from typing import Any
 
 from threadpoolctl import ThreadpoolController
 
+from servoscope.cluster import current
 from servoscope.errors import ProcessesError, ServoscopeWarning
 from servoscope.storage.folders import shared_folder
 from servoscope.wording import one_line
@@ -51,9 +52,11 @@ def in_processes(
     """What `function` returns for each tuple of arguments, in their order, as they are ready.
 
     The processes have one BLAS thread each, leave Ctrl-C to this one, and end when it does, however
-    it ends. Where no process can be started, this one does all. Everywhere in the package `n_jobs`
-    counts processes as joblib does, -1 for all cores, 1 or None for this process alone, and changes
-    no number; `on_progress` is called with the number of items that are finished.
+    it ends. Where no process can be started, this one does all. Within
+    `servoscope.cluster.on_cluster` the workers of a cluster take their place. Everywhere in the
+    package `n_jobs` counts processes as joblib does, -1 for all cores, 1 or None for this process
+    alone, and changes no number; `on_progress` is called with the number of items that are
+    finished.
 
     Raises
     ------
@@ -65,6 +68,8 @@ def in_processes(
     >>> list(in_processes(divmod, [(7, 2), (9, 4)], n_jobs=1))
     [(3, 1), (2, 1)]
     """
+    if n_jobs not in (None, 1) and (cluster := current()) is not None:
+        return cluster.results(function, calls)
     n_processes = _n_processes(n_jobs)
     if n_processes == 1:
         return (function(*call) for call in calls)

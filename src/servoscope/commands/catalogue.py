@@ -12,7 +12,8 @@ from tyro.extras import SubcommandApp
 
 DESCRIPTION = """Vision-based robot positioning: which image features inform which degree of
 freedom, and how accurately. Begin with: servoscope study. Every command also takes --debug, which
-shows where an error came from; --version prints the version."""
+shows where an error came from, and --workers N or --dask tcp://HOST:PORT, which share its work with
+dask workers that are started here or run elsewhere; --version prints the version."""
 
 COMMANDS = {
     "study": "study:study",

@@ -1,0 +1,194 @@
+"""Calls shared among the workers of a dask cluster, here or elsewhere."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from servoscope.errors import InvalidInputError, ProcessesError
+from servoscope.wording import one_line
+
+_SENT_ONCE = 2**18
+"""An array of more bytes is sent once for all calls that take it."""
+
+_AHEAD = 3
+"""Calls that wait at each worker's thread, so that none is idle."""
+
+_CONNECT_S = 10.0
+
+_in_use: list[Cluster] = []
+
+
+def current() -> Cluster | None:
+    """The cluster that calls are shared with, None for processes of this machine."""
+    return _in_use[-1] if _in_use else None
+
+
+@contextmanager
+def on_cluster(address: str | None = None, n_workers: int | None = None) -> Iterator[Cluster]:
+    """Share calls with a cluster: one that runs, or workers that are started here.
+
+    Whoever can reach a scheduler can run code on its workers: see that only those can who may, and
+    use addresses that begin with ``tls://`` beyond one machine.
+
+    Parameters
+    ----------
+    address : str, optional
+        Of a scheduler, such as ``tcp://192.0.2.7:8786``.
+    n_workers : int, optional
+        How many to start here instead, of one thread each, reached from this machine alone.
+
+    Raises
+    ------
+    InvalidInputError
+        If neither or both are given.
+    ProcessesError
+        If dask.distributed is not installed, or the scheduler cannot be reached or has no workers.
+    """
+    if (address is None) == (n_workers is None):
+        raise InvalidInputError("Give the address of a scheduler or a number of workers, not both.")
+    if n_workers is not None and n_workers < 1:
+        raise InvalidInputError(f"There must be 1 worker or more, got {n_workers}.")
+    with ExitStack() as stack:
+        try:
+            client = _connected(address, n_workers, stack)
+        except ImportError as error:
+            raise ProcessesError(
+                'Sharing work with workers needs dask; install it: pip install "servoscope[dask]".'
+            ) from error
+        except (OSError, TimeoutError, ValueError, RuntimeError) as error:
+            raise ProcessesError(
+                f"No workers can be had at {address or 'this machine'} ({one_line(error)}); start "
+                "a scheduler and workers (dask scheduler, dask worker), or use --workers."
+            ) from error
+        cluster = Cluster(client)
+        _in_use.append(cluster)
+        stack.callback(_in_use.remove, cluster)
+        yield cluster
+
+
+def _connected(address: str | None, n_workers: int | None, stack: ExitStack) -> Any:
+    """A client of a scheduler that has a worker; the stack closes what is begun."""
+    import dask
+    import distributed
+
+    stack.enter_context(dask.config.set({"distributed.comm.timeouts.connect": _CONNECT_S}))
+    scheduler: Any = address
+    if n_workers is not None:
+        scheduler = stack.enter_context(
+            distributed.LocalCluster(
+                n_workers=n_workers,
+                threads_per_worker=1,
+                host="127.0.0.1",
+                dashboard_address="127.0.0.1:0",
+                silence_logs="CRITICAL",
+            )
+        )
+    client = stack.enter_context(
+        distributed.Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
+    )
+    client.wait_for_workers(1, timeout=_CONNECT_S)
+    return client
+
+
+class Cluster:
+    """What shares calls with the workers of a scheduler.
+
+    Parameters
+    ----------
+    client : distributed.Client
+    """
+
+    def __init__(self, client: Any) -> None:
+        self.client = client
+
+    def results(
+        self, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]]
+    ) -> Iterator[Any]:
+        """What a function returns for each tuple of arguments, in their order.
+
+        The first calls are sent at once. A worker that ends is replaced by another, which computes
+        the same. Arrays that several calls take are sent once, and again where they are lost.
+
+        Raises
+        ------
+        ProcessesError
+            If the scheduler is lost, or call after call ends its worker.
+        """
+        with self._failures_reported():
+            sent: dict[int, tuple[Any, Any]] = {}
+            left = iter(calls)
+            n_threads = max(1, sum(self.client.nthreads().values()))
+            pending = deque(
+                self._submit(function, call, sent) for call in islice(left, _AHEAD * n_threads)
+            )
+        return self._in_order(function, left, pending, sent)
+
+    def _in_order(
+        self,
+        function: Callable[..., Any],
+        left: Iterator[tuple[Any, ...]],
+        pending: deque[Any],
+        sent: dict[int, tuple[Any, Any]],
+    ) -> Iterator[Any]:
+        try:
+            while pending:
+                with self._failures_reported():
+                    result = pending.popleft().result()
+                    pending.extend(self._submit(function, call, sent) for call in islice(left, 1))
+                yield result
+        finally:
+            with suppress(Exception):
+                self.client.cancel(list(pending))
+
+    def _submit(
+        self, function: Callable[..., Any], call: tuple[Any, ...], sent: dict[int, tuple[Any, Any]]
+    ) -> Any:
+        arguments = tuple(self._sent(argument, sent) for argument in call)
+        return self.client.submit(_run, function, arguments, pure=False)
+
+    def _sent(self, argument: Any, sent: dict[int, tuple[Any, Any]]) -> Any:
+        """An argument, or what stands for a large array, at any depth of tuples."""
+        if type(argument) is tuple:
+            return tuple(self._sent(part, sent) for part in argument)
+        if not isinstance(argument, np.ndarray) or argument.nbytes <= _SENT_ONCE:
+            return argument
+        if id(argument) not in sent:  # the array is kept as well, so that its id is its own
+            sent[id(argument)] = argument, self.client.submit(_given, argument, pure=False)
+        return sent[id(argument)][1]
+
+    @contextmanager
+    def _failures_reported(self) -> Iterator[None]:
+        from concurrent.futures import CancelledError
+
+        from distributed import KilledWorker
+        from distributed.comm import CommClosedError
+
+        try:
+            yield
+        except KilledWorker as error:
+            raise ProcessesError(
+                "Worker after worker ended in one call, most likely because memory ran out; give "
+                "each more memory, or repeat with fewer, a run with --resume."
+            ) from error
+        except (CancelledError, CommClosedError, TimeoutError) as error:
+            raise ProcessesError(
+                f"The scheduler is lost ({one_line(error) or type(error).__name__}); start it and "
+                "its workers, and repeat the command, a run with --resume."
+            ) from error
+
+
+def _given(argument: Any) -> Any:
+    return argument
+
+
+def _run(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    """A call at a worker, which has one BLAS thread."""
+    with threadpool_limits(1, user_api="blas"):
+        return function(*arguments)

@@ -1,0 +1,129 @@
+"""Calls shared with real dask workers: the same results, whatever happens to a worker."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("distributed")
+
+from servoscope.cluster import current, on_cluster
+from servoscope.errors import InvalidInputError, ProcessesError
+from servoscope.processes import in_processes
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+
+
+def scaled(X, factor, parts=()):
+    return os.getpid(), factor * X.sum() + sum(part.sum() for part in parts)
+
+
+def killed_once(place, i):
+    """The second call kills its worker, the first time."""
+    mark = place / "killed"
+    if i == 1 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return i * i
+
+
+def always_killed(i):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def fails(i):
+    raise InvalidInputError(f"call {i} failed")
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    with on_cluster(n_workers=2) as found:
+        yield found
+
+
+def test_workers_return_what_one_process_does_in_the_order_of_the_calls(cluster):
+    X = np.random.default_rng(0).normal(size=(300, 300))
+    calls = [(X, factor, (X, X[:2])) for factor in range(20)]
+    assert current() is cluster
+    shared = list(in_processes(scaled, calls))
+    alone = list(in_processes(scaled, calls, 1))
+    assert [value for _, value in shared] == [value for _, value in alone]
+    pids = {pid for pid, _ in shared}
+    assert os.getpid() not in pids
+    assert len(pids) == 2
+
+
+def test_the_error_of_a_call_is_raised_as_it_is(cluster):
+    with pytest.raises(InvalidInputError, match="call 0 failed"):
+        list(in_processes(fails, [(0,), (1,)]))
+
+
+def test_a_killed_worker_changes_no_result(cluster, tmp_path):
+    calls = [(tmp_path, i) for i in range(12)]
+    assert list(in_processes(killed_once, calls)) == [i * i for i in range(12)]
+    assert (tmp_path / "killed").exists()
+
+
+def test_what_kills_every_worker_ends_in_one_line():
+    with on_cluster(n_workers=1) as cluster:
+        cluster.client.run_on_scheduler(_allow_no_failure)
+        with pytest.raises(ProcessesError, match=r"Worker after .* --resume") as caught:
+            list(in_processes(always_killed, [(0,)]))
+    assert "\n" not in str(caught.value)
+
+
+def _allow_no_failure(dask_scheduler):
+    dask_scheduler.allowed_failures = 0
+
+
+def slow(i):
+    time.sleep(0.3)
+    return i
+
+
+def test_a_lost_scheduler_ends_in_one_line(tmp_path):
+    code = (
+        "import distributed, time\n"
+        "if __name__ == '__main__':\n"
+        "    c = distributed.LocalCluster(n_workers=1, threads_per_worker=1, host='127.0.0.1',"
+        " dashboard_address='127.0.0.1:0')\n"
+        "    print(c.scheduler_address, flush=True)\n"
+        "    time.sleep(60)\n"
+    )
+    (tmp_path / "scheduler.py").write_text(code)
+    scheduler = subprocess.Popen(
+        [sys.executable, str(tmp_path / "scheduler.py")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,
+        env={**os.environ, "PYTHONPATH": os.path.dirname(__file__)},
+    )
+    try:
+        address = scheduler.stdout.readline().strip()
+        with on_cluster(address):
+            results = in_processes(slow, [(i,) for i in range(100)])
+            assert next(results) == 0
+            os.killpg(scheduler.pid, signal.SIGKILL)
+            with pytest.raises(ProcessesError, match=r"scheduler is lost .* --resume"):
+                list(results)
+    finally:
+        scheduler.kill()
+        scheduler.wait()
+
+
+def test_a_scheduler_that_is_not_there_is_refused_in_one_line(monkeypatch):
+    monkeypatch.setattr("servoscope.cluster._CONNECT_S", 1.0)
+    absent = on_cluster("tcp://127.0.0.1:1")
+    with pytest.raises(ProcessesError, match=r"at tcp://127\.0\.0\.1:1 ") as caught, absent:
+        pass
+    assert "\n" not in str(caught.value)
+    with pytest.raises(InvalidInputError, match="not both"), on_cluster("tcp://127.0.0.1:1", 2):
+        pass
