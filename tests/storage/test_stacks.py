@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 
 from servoscope.errors import DataSetError, InvalidInputError
 from servoscope.storage import stacks
+from servoscope.storage.sizes import parse_bytes
 from servoscope.storage.stacks import (
     Stack,
     blocks_of,
     create_stack,
     gathered,
-    parse_bytes,
     read_stack,
     write_stack,
 )

@@ -19,7 +19,7 @@ from servoscope.commands.options import (
     RunOut,
     with_dofs,
 )
-from servoscope.storage.stacks import DEFAULT_MEMORY
+from servoscope.storage.sizes import DEFAULT_MEMORY
 
 Tolerance = Annotated[
     str,

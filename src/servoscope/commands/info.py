@@ -85,7 +85,7 @@ def describe_data_set(folder: Path) -> dict[str, Any]:
     from servoscope.data.checks import check_data, image_faults
     from servoscope.data.images import PoseImageSet
     from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
-    from servoscope.storage.stacks import DEFAULT_MEMORY
+    from servoscope.storage.sizes import DEFAULT_MEMORY
 
     data = PoseImageSet.load(folder, memory=DEFAULT_MEMORY)
     faults = image_faults(data.images, data.T_world_cam)

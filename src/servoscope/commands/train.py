@@ -21,7 +21,7 @@ from servoscope.commands.options import (
     with_dofs,
 )
 from servoscope.errors import InvalidInputError, ServoscopeWarning
-from servoscope.storage.stacks import DEFAULT_MEMORY
+from servoscope.storage.sizes import DEFAULT_MEMORY
 from servoscope.wording import one_line
 
 if TYPE_CHECKING:

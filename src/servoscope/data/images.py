@@ -30,7 +30,8 @@ from servoscope.poses import (
     is_rigid,
     pose_error,
 )
-from servoscope.storage.stacks import blocks_of, parse_bytes, some_of
+from servoscope.storage.sizes import parse_bytes
+from servoscope.storage.stacks import blocks_of, some_of
 
 SPLITS = ("random", "blocks")
 """How a set may be split: at random, or by blocks of time for images of one sequence."""

@@ -9,7 +9,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 import numpy as np
 
 from servoscope.errors import InvalidInputError
-from servoscope.storage.stacks import DEFAULT_MEMORY, parse_bytes
+from servoscope.storage.sizes import DEFAULT_MEMORY, parse_bytes
 
 Direction = Literal["camera-to-world", "world-to-camera"]
 Units = Literal["m", "mm"]

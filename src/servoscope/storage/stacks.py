@@ -7,7 +7,6 @@ and each chunk must declare the size that it has, before anything is unpacked.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Iterator
 from copy import copy
 from itertools import islice
@@ -20,7 +19,7 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.errors import DataSetError, InvalidInputError
+from servoscope.errors import DataSetError
 from servoscope.storage.folders import scratch_folder
 from servoscope.storage.reading import check_regular, read_json
 from servoscope.wording import one_line
@@ -194,32 +193,6 @@ def some_of(items: NDArray[Any], chosen: NDArray[Any]) -> NDArray[Any]:
     Those of a stack are not read.
     """
     return items.take(chosen) if isinstance(items, Stack) else items[chosen]
-
-
-DEFAULT_MEMORY = "1GB"
-"""What a command keeps in memory at once, by default."""
-
-_UNITS = {"": 1.0, "KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
-
-
-def parse_bytes(text: str) -> float:
-    """Bytes that a text such as 500MB names.
-
-    Raises
-    ------
-    InvalidInputError
-        If it names none, or less than 1 MB.
-
-    Examples
-    --------
-    >>> parse_bytes("1.5 GB")
-    1500000000.0
-    """
-    found = re.fullmatch(r"(\d+(?:\.\d*)?)\s*([KMGT]?)I?B?", text.strip().upper())
-    n_bytes = float(found[1]) * _UNITS[f"{found[2]}B" if found[2] else ""] if found else 0.0
-    if n_bytes < 1e6:
-        raise InvalidInputError(f"memory must be 1MB or more, such as 500MB or 4GB, got {text!r}.")
-    return n_bytes
 
 
 def read_stack(path: Path, shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
