@@ -34,8 +34,19 @@ EULER = {
     "ros-rpy": ("xyz", 1.0),
     "staubli-rxryrz": ("xyz", np.pi / 180),
     "kawasaki-oat": ("zyz", np.pi / 180),
+    "mitsubishi-abc": ("xyz", np.pi / 180),
+    "epson-uvw": ("zyx", np.pi / 180),
+    "techman-rxryrz": ("xyz", np.pi / 180),
+    "ufactory-rpy": ("xyz", np.pi / 180),
+    "mecademic-abc": ("xyz", np.pi / 180),
+    "doosan-abc": ("zyz", np.pi / 180),
+    "adept-ypr": ("zyz", np.pi / 180),
+    "comau-zyz": ("zyz", np.pi / 180),
 }
-IN_THE_BODY = ("kuka-abc", "staubli-rxryrz", "kawasaki-oat")
+IN_THE_BODY = {"kuka-abc": "ZYX", "staubli-rxryrz": "XYZ", "kawasaki-oat": "ZYZ"} | {
+    "epson-uvw": "ZYX", "mecademic-abc": "XYZ", "doosan-abc": "ZYZ", "adept-ypr": "ZYZ",
+    "comau-zyz": "ZYZ",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", EULER)
@@ -46,6 +57,70 @@ def test_angles_turn_one_after_the_other_about_the_axes_that_the_convention_name
     a, b, c = turns if name in IN_THE_BODY else turns[::-1]
     T = poses_from_numbers([[0, 0, 0, *angles]], find_convention(name), length_unit="m")
     np.testing.assert_allclose(T[0, :3, :3], a @ b @ c, atol=1e-12)
+
+
+PUBLISHED = {
+    "kuka-abc": "KUKA_2_Pose",
+    "fanuc-wpr": "Fanuc_2_Pose",
+    "yaskawa-rxryrz": "Motoman_2_Pose",
+    "techman-rxryrz": "Techman_2_Pose",
+    "staubli-rxryrz": "Pose",
+    "mecademic-abc": "Pose",
+    "adept-ypr": "Adept_2_Pose",
+    "comau-zyz": "Comau_2_Pose",
+    "ur": "UR_2_Pose",
+}
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_poses_are_those_of_robodk(name):
+    robomath = pytest.importorskip("robodk.robomath")
+    turned = [0.4, 1.2, -0.3] if name == "ur" else [35.0, -50.0, 170.0]
+    numbers = [100.0, -20.0, 30.0, *turned]
+    convert = getattr(robomath, PUBLISHED[name])
+    theirs = np.array((convert(*numbers) if convert is robomath.Pose else convert(numbers)).Rows())
+    theirs[:3, 3] /= 1000
+    T = poses_from_numbers([numbers], find_convention(name), length_unit="mm")[0]
+    np.testing.assert_allclose(T, theirs, atol=1e-12)
+
+
+def quaternion_of_baslers_manual(about_z, about_y, about_x):
+    """The quaternion, as the rc_visard manual writes it for KUKA, Fanuc, Mitsubishi and Yaskawa."""
+    (sz, sy, sx), (cz, cy, cx) = (
+        f(np.radians([about_z, about_y, about_x]) / 2) for f in (np.sin, np.cos)
+    )
+    return [
+        cz * cy * sx - sz * sy * cx,
+        cz * sy * cx + sz * cy * sx,
+        sz * cy * cx - cz * sy * sx,
+        cz * cy * cx + sz * sy * sx,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "angles"),
+    [
+        ("kuka-abc", [170.0, -50.0, 35.0]),
+        ("fanuc-wpr", [35.0, -50.0, 170.0]),
+        ("mitsubishi-abc", [35.0, -50.0, 170.0]),
+        ("yaskawa-rxryrz", [35.0, -50.0, 170.0]),
+    ],
+)
+def test_angles_are_the_quaternion_of_baslers_manual(name, angles):
+    expected = Rotation.from_quat(quaternion_of_baslers_manual(170.0, -50.0, 35.0)).as_matrix()
+    T = poses_from_numbers([[0, 0, 0, *angles]], find_convention(name), length_unit="mm")
+    np.testing.assert_allclose(T[0, :3, :3], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("said", "meant"),
+    [
+        ("KUKA_ABC", "kuka-abc"), ("kuka", "kuka-abc"), ("Fanuc WPR", "fanuc-wpr"), ("UR", "ur"),
+        ("Stäubli", "staubli-rxryrz"), ("XYZW", "xyzw"), ("abb", "abb-quaternion"),
+    ],
+)  # fmt: skip
+def test_names_are_known_however_they_are_written(said, meant):
+    assert find_convention(said) is CONVENTIONS[meant]
 
 
 def test_a_rotation_vector_is_the_axis_times_the_angle():
@@ -79,7 +154,7 @@ def test_an_order_of_axes_is_scipys(order, angles):
     np.testing.assert_allclose(T[:3, 3], [1.0, 0.002, 0.003])
 
 
-@pytest.mark.parametrize("name", ["xxy", "xyZ", "abc", "zy", "zyxz", "UR"])
+@pytest.mark.parametrize("name", ["xxy", "xyZ", "abc", "zy", "zyxz", "kuka-ab", ""])
 def test_what_is_no_convention_is_refused_with_those_there_are(name):
     with pytest.raises(InvalidInputError, match=f"kuka-abc, .* got '{name}'"):
         TableOptions(rotation=name)
@@ -137,16 +212,16 @@ def scipys(name, numbers):
         return Rotation.from_rotvec(numbers).as_matrix()
     if name in ("xyzw", "wxyz", "abb-quaternion"):
         return Rotation.from_quat(numbers, scalar_first=name != "xyzw").as_matrix()
-    orders = {"kuka-abc": "ZYX", "staubli-rxryrz": "XYZ", "kawasaki-oat": "ZYZ"}
     return Rotation.from_euler(
-        orders.get(name, "xyz"), numbers, degrees=name != "ros-rpy"
+        IN_THE_BODY.get(name, "xyz"), numbers, degrees=name != "ros-rpy"
     ).as_matrix()
 
 
 def test_the_page_works_out_a_number_for_every_convention():
     rows = rows_of_page()
     assert set(rows) == set(CONVENTIONS)
-    for name, (_, numbers, _, units, example, matrix) in rows.items():
+    for name, (_, numbers, _, units, example, matrix, published) in rows.items():
+        assert published, name
         convention = CONVENTIONS[name]
         values = [float(text) for text in example.split()]
         shown = np.array([[float(x) for x in row.split()] for row in matrix.split("/")])

@@ -7,6 +7,7 @@ that use it show them, and what rotation they mean. Nothing is guessed from the 
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -164,11 +165,35 @@ CONVENTIONS: dict[str, PoseConvention] = {
     "yaskawa-rxryrz": _angles(
         "Rz(Rz) Ry(Ry) Rx(Rx)", "rx ry rz", "xyz", "mm", "deg", 110.0, 20.0, 30.0
     ),
+    "mitsubishi-abc": _angles(
+        "Rz(C) Ry(B) Rx(A)", "a b c", "xyz", "mm", "deg", 110.0, 20.0, 30.0
+    ),
+    "epson-uvw": _angles(
+        "Rz(U) Ry(V) Rx(W)", "u v w", "ZYX", "mm", "deg", 30.0, 20.0, 110.0
+    ),
+    "techman-rxryrz": _angles(
+        "Rz(Rz) Ry(Ry) Rx(Rx)", "rx ry rz", "xyz", "mm", "deg", 110.0, 20.0, 30.0
+    ),
+    "ufactory-rpy": _angles(
+        "Rz(yaw) Ry(pitch) Rx(roll)", "roll pitch yaw", "xyz", "mm", "deg", 110.0, 20.0, 30.0
+    ),
     "staubli-rxryrz": _angles(
         "Rx(Rx) Ry(Ry) Rz(Rz)", "rx ry rz", "XYZ", "mm", "deg", 110.0, 20.0, 30.0
     ),
+    "mecademic-abc": _angles(
+        "Rx(alpha) Ry(beta) Rz(gamma)", "alpha beta gamma", "XYZ", "mm", "deg", 110.0, 20.0, 30.0
+    ),
     "kawasaki-oat": _angles(
         "Rz(O) Ry(A) Rz(T)", "o a t", "ZYZ", "mm", "deg", 30.0, 70.0, 40.0
+    ),
+    "doosan-abc": _angles(
+        "Rz(A) Ry(B) Rz(C)", "a b c", "ZYZ", "mm", "deg", 30.0, 70.0, 40.0
+    ),
+    "adept-ypr": _angles(
+        "Rz(yaw) Ry(pitch) Rz(roll)", "yaw pitch roll", "ZYZ", "mm", "deg", 30.0, 70.0, 40.0
+    ),
+    "comau-zyz": _angles(
+        "Rz(A) Ry(E) Rz(R)", "a e r", "ZYZ", "mm", "deg", 30.0, 70.0, 40.0
     ),
     "ros-rpy": _angles(
         "Rz(yaw) Ry(pitch) Rx(roll)", "roll pitch yaw", "xyz", "m", "rad", 1.9, 0.35, 0.5
@@ -181,7 +206,8 @@ def find_convention(name: str) -> PoseConvention:
     """The convention of a name of `CONVENTIONS`, or of an order of axes as SciPy writes them.
 
     Small letters turn about axes that stay, capitals about those of the body; the numbers come in
-    the order of the letters.
+    the order of the letters. In other names capitals, underscores and umlauts make no difference,
+    and the maker alone is enough: `KUKA_ABC` and `kuka` are `kuka-abc`.
 
     Raises
     ------
@@ -195,8 +221,8 @@ def find_convention(name: str) -> PoseConvention:
     >>> find_convention("ZYX").columns
     ('tx', 'ty', 'tz', 'rz', 'ry', 'rx')
     """
-    if name in CONVENTIONS:
-        return CONVENTIONS[name]
+    if known := _known(name):
+        return CONVENTIONS[known]
     if not _ORDER.fullmatch(name):
         raise InvalidInputError(
             f"rotation must be one of {', '.join(CONVENTIONS)}, or an order of three axes such as "
@@ -211,6 +237,13 @@ def find_convention(name: str) -> PoseConvention:
     )
 
 
+def _known(name: str) -> str | None:
+    """The name of `CONVENTIONS` that is meant, if any."""
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().strip().lower()
+    plain = re.sub(r"[_\s]+", "-", plain)
+    return next((known for known in CONVENTIONS if plain in (known, known.split("-")[0])), None)
+
+
 @dataclass(frozen=True, kw_only=True)
 class ConventionOptions(ImportOptions):
     """What a user says of poses that are written as numbers, besides what holds for every format.
@@ -219,9 +252,9 @@ class ConventionOptions(ImportOptions):
     ----------
     rotation : str, optional
         How the rotations are written: xyzw, wxyz, matrix, franka, rotvec, ur, abb-quaternion,
-        kuka-abc, fanuc-wpr, yaskawa-rxryrz, staubli-rxryrz, kawasaki-oat, ros-rpy, or an order of
-        axes as SciPy has it, such as zyx or ZYX (docs/conventions.md). By default quaternions whose
-        columns are called qx, qy, qz and qw.
+        kuka-abc, fanuc-wpr, ros-rpy and others of docs/conventions.md, or an order of axes as SciPy
+        has it, such as zyx or ZYX. By default quaternions whose columns are called qx, qy, qz and
+        qw.
     angle_unit : {"deg", "rad"}, optional
         Of angles and rotation vectors; by default that of the convention.
     columns : str, optional
