@@ -1,67 +1,50 @@
-// Where an image was taken, by an exported model: ./position model.onnx image.pgm
-//
-// Needs onnxruntime 1.20 or newer and C++20:
-//     g++ -std=c++20 -I onnxruntime/include position.cpp -o position -l onnxruntime
+// From an image and the pose that it was taken at to the pose that the robot is to go to:
+//     ./position model.onnx image.pgm < pose.txt    (4 x 4 numbers, row by row, in metres)
 #include <onnxruntime_cxx_api.h>
 
-#include <array>
-#include <cstdint>
+#include <cmath>
 #include <cstdio>
-#include <exception>
 #include <fstream>
-#include <stdexcept>
-#include <string>
-#include <vector>
-
-struct Image {
-  std::int64_t height = 0, width = 0;
-  std::vector<std::uint8_t> pixels;
-};
-
-Image read_pgm(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::string magic;
-  Image image;
-  int most = 0;
-  file >> magic >> image.width >> image.height >> most;
-  const auto fits = [](std::int64_t side) { return 0 < side && side < 65536; };
-  if (!file || magic != "P5" || most != 255 || !fits(image.width) || !fits(image.height))
-    throw std::runtime_error(path + " must be a grey PGM image of 8 bits without comments");
-  file.get();  // the white space before the pixels
-  image.pixels.resize(image.width * image.height);
-  if (!file.read(reinterpret_cast<char*>(image.pixels.data()), image.pixels.size()))
-    throw std::runtime_error(path + " is cut short");
-  return image;
-}
+#include <iostream>
 
 int main(int argc, char** argv) try {
-  if (argc != 3) throw std::runtime_error("usage: position model.onnx image.pgm");
-  Ort::Env env(ORT_LOGGING_LEVEL_ERROR, "position");
-  Ort::SessionOptions options;
-  options.SetIntraOpNumThreads(1);
-  Ort::Session session(env, argv[1], options);
-  Image image = read_pgm(argv[2]);
-  const std::array<std::int64_t, 2> shape{image.height, image.width};
-  const auto memory = Ort::MemoryInfo::CreateCpu(OrtArenaAllocator, OrtMemTypeDefault);
-  const auto input = Ort::Value::CreateTensor<std::uint8_t>(
-      memory, image.pixels.data(), image.pixels.size(), shape.data(), shape.size());
-  const char* taken = "image";
-  const std::array<const char*, 4> given{"displacement", "delta_p", "deviation", "is_recognised"};
-  // a robot keeps the session, and calls only this for every image; another size throws here
-  const Ort::RunOptions usual{nullptr};
-  const auto found = session.Run(usual, &taken, &input, 1, given.data(), given.size());
-  if (!*found[3].GetTensorData<bool>()) {
-    std::puts("not recognised: do not move");
-    return 2;
-  }
-  const double* D = found[0].GetTensorData<double>();  // move by its inverse, in the robot's axes
-  for (int k = 0; k < 16; ++k) std::printf("%.9f%c", D[k], k % 4 == 3 ? '\n' : ' ');
-  const double* six = found[1].GetTensorData<double>();
-  const double* deviation = found[2].GetTensorData<double>();
-  const char* names[] = {"tx", "ty", "tz", "rx", "ry", "rz"};
-  for (int k = 0; k < 6; ++k)
-    std::printf("%s %.9f +- %.9f %s\n", names[k], six[k], deviation[k], k < 3 ? "m" : "rad");
+  if (argc != 3) throw std::runtime_error("usage: position model.onnx image.pgm < pose.txt");
+  Ort::Env env(ORT_LOGGING_LEVEL_ERROR);
+  Ort::Session session(env, argv[1], Ort::SessionOptions());  // once; the rest for every image
+  const auto shape = session.GetInputTypeInfo(0).GetTensorTypeAndShapeInfo().GetShape();
+
+  std::ifstream file(argv[2], std::ios::binary);
+  std::string magic;
+  int64_t width = 0, height = 0, most = 0;
+  file >> magic >> width >> height >> most;
+  std::vector<uint8_t> pixels(shape.at(0) * shape.at(1));
+  file.ignore().read((char*)pixels.data(), pixels.size());
+  if (!file || magic != "P5" || most != 255 || height != shape[0] || width != shape[1])
+    throw std::runtime_error("the image must be a grey PGM of 8 bits, as large as in training");
+
+  Ort::AllocatorWithDefaultOptions memory;
+  const auto input = Ort::Value::CreateTensor<uint8_t>(memory.GetInfo(), pixels.data(),
+                                                       pixels.size(), shape.data(), 2);
+  const char *in[] = {"image"}, *out[] = {"is_recognised", "correction", "delta_p", "deviation"};
+  const auto found = session.Run(Ort::RunOptions{nullptr}, in, &input, 1, out, 4);
+  if (!*found[0].GetTensorData<bool>()) return std::puts("not recognised: do not move"), 2;
+  const double *C = found[1].GetTensorData<double>(), *d = found[2].GetTensorData<double>();
+  bool arrived = true;
+  for (int k = 0; k < 6; ++k) arrived &= !(std::abs(d[k]) > found[3].GetTensorData<double>()[k]);
+  if (arrived) return std::puts("arrived: nearer than is known"), 0;
+
+  double T[16], goal[12] = {}, box[6];  // the pose, that times the correction; low and high x y z
+  for (double& number : T) std::cin >> number;
+  const auto text = session.GetModelMetadata().LookupCustomMetadataMapAllocated("workspace", memory);
+  if (!std::cin || !text || std::sscanf(text.get(), "[%lf,%lf,%lf,%lf,%lf,%lf]", box, box + 1,
+                                        box + 2, box + 3, box + 4, box + 5) < 6)
+    throw std::runtime_error("the pose must be 16 numbers, and the model name a workspace");
+  for (int k = 0; k < 12; ++k)
+    for (int m = 0; m < 4; ++m) goal[k] += T[k / 4 * 4 + m] * C[4 * m + k % 4];
+  for (int i = 0; i < 3; ++i)
+    if (!(box[i] <= goal[4 * i + 3] && goal[4 * i + 3] <= box[3 + i]))
+      return std::puts("outside the workspace: do not move"), 3;
+  for (int k = 0; k < 12; ++k) std::printf("%.9f%c", goal[k], k % 4 == 3 ? '\n' : ' ');
 } catch (const std::exception& error) {
-  std::fprintf(stderr, "position: %s\n", error.what());
-  return 1;
+  return std::fprintf(stderr, "position: %s\n", error.what()), 1;
 }

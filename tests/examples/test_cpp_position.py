@@ -1,8 +1,9 @@
-"""The C++ example is compiled, and prints what the model says."""
+"""The C++ example is compiled, and says where the model would have the robot go."""
 
 import os
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from servoscope.export.onnx_model import to_onnx
+from servoscope.poses import poses_from_displacements
 from small_keyframe import shown, small_model, texture
 
 onnxruntime = pytest.importorskip("onnxruntime")
@@ -47,9 +49,13 @@ def program(tmp_path_factory):
     return folder / "position"
 
 
+POSE = poses_from_displacements(np.eye(4), np.array([0.4, -0.1, 0.5, 3.0, 0.1, 0.4]), 0.0)
+
+
 @pytest.fixture(scope="module")
 def model():
-    return small_model(guesses=False)
+    box = [[0.3, None, 0.4], [0.5, 0.0, None]]
+    return replace(small_model(guesses=False), trained_on={"workspace": box})
 
 
 @pytest.fixture(scope="module")
@@ -59,27 +65,50 @@ def file(model, tmp_path_factory):
     return path
 
 
-def run(program, file, image, tmp_path):
+def run(program, file, image, tmp_path, pose=POSE):
     path = tmp_path / "image.pgm"
     cv2.imwrite(str(path), image)
     return subprocess.run(
-        [program, file, path], capture_output=True, text=True, timeout=60, check=False
-    )
+        [program, file, path],
+        input="\n".join(" ".join(map(repr, row)) for row in np.asarray(pose).tolist()),
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
 
 
-def test_it_prints_what_the_model_says(program, file, model, tmp_path):
+def test_it_is_no_longer_than_a_page():
+    assert len(SOURCE.read_text().splitlines()) <= 50
+
+
+def test_it_goes_where_the_model_would_have_it_go(program, file, model, tmp_path):
     image = shown(model)[1]
     ended = run(program, file, image, tmp_path)
     assert ended.returncode == 0, ended.stderr
-    lines = [line.split() for line in ended.stdout.splitlines()]
-    ours = model.estimate(image)
-    np.testing.assert_allclose(np.array(lines[:4], float), ours.displacement, atol=1e-6)
-    np.testing.assert_allclose([float(line[3]) for line in lines[4:]], ours.std, rtol=0.02)
+    goal = np.array([line.split() for line in ended.stdout.splitlines()], float)
+    expected = POSE @ np.linalg.inv(model.estimate(image).displacement)
+    np.testing.assert_allclose(goal, expected[:3], atol=1e-6)
 
 
-def test_it_refuses_to_move_where_nothing_is_recognised(program, file, tmp_path):
+def test_it_stops_where_nothing_is_recognised(program, file, tmp_path):
     ended = run(program, file, texture((48, 64), 77).astype(np.uint8), tmp_path)
     assert (ended.returncode, ended.stdout) == (2, "not recognised: do not move\n")
+
+
+def test_it_stops_at_the_reference(program, file, model, tmp_path):
+    ended = run(program, file, model.reference_image, tmp_path)
+    assert (ended.returncode, ended.stdout) == (0, "arrived: nearer than is known\n")
+
+
+@pytest.mark.parametrize("pose", [np.eye(4), POSE + [[0], [0.2], [0], [0]] @ np.eye(4)[3:]])
+def test_it_does_not_leave_the_workspace_of_the_images(program, file, model, tmp_path, pose):
+    ended = run(program, file, shown(model)[1], tmp_path, pose)
+    assert (ended.returncode, ended.stdout) == (3, "outside the workspace: do not move\n")
+
+
+@pytest.mark.parametrize("pose", [np.eye(3), np.full((4, 4), np.nan)])
+def test_a_pose_that_is_none_moves_nothing(program, file, model, tmp_path, pose):
+    ended = run(program, file, shown(model)[1], tmp_path, pose)
+    assert ended.returncode in (1, 3)
+    assert "." not in ended.stdout
 
 
 @pytest.mark.parametrize(

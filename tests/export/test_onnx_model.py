@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from servoscope.export.onnx_estimator import OnnxEstimator
 from servoscope.export.onnx_model import OUTPUTS, export_onnx, to_onnx
 from servoscope.keyframe.rendering import continued
 from servoscope.poses import displacements_from_poses
-from servoscope.positioning import Positioner, PositioningModel
+from servoscope.positioning import LoopSettings, Positioner, PositioningModel
+from servoscope.positioning.settings import NEAR_ENOUGH
 from small_keyframe import displacements, shown, small_model, texture
 
 onnx = pytest.importorskip("onnx")
@@ -36,8 +38,10 @@ def assert_equal(model, estimator, images):
     for image in images:
         ours, theirs = model.estimate(image), estimator.outputs(image)
         assert {name: np.shape(x) for name, x in theirs.items()} == OUTPUTS
-        np.testing.assert_allclose(theirs["displacement"], ours.displacement, atol=2e-7)
-        np.testing.assert_allclose(theirs["deviation"], ours.std, rtol=0.02, atol=1e-8)
+        np.testing.assert_allclose(theirs["displacement"], ours.displacement, atol=2e-8)
+        product = theirs["displacement"] @ theirs["correction"]
+        np.testing.assert_allclose(product, np.eye(4), atol=1e-12)
+        np.testing.assert_allclose(theirs["deviation"], ours.std, rtol=1e-4, atol=1e-9)
         assert abs(float(theirs["similarity"]) - ours.similarity) < 1e-4
         np.testing.assert_allclose(theirs["novelty"], ours.novelty, atol=1e-5)
         assert bool(theirs["is_recognised"]) == ours.is_recognised
@@ -79,8 +83,8 @@ def test_models_of_every_kind_read_the_same(options):
 def test_the_agreement_is_measured(exported):
     found = exported.agreement
     assert found.n_images == 1 + 4 + 9
-    assert found.equal > 0.9
-    assert 0 < found.worst_share < 0.1
+    assert found.equal == 1
+    assert 0 < found.worst_share < 1e-3
 
 
 def test_an_agreement_sees_a_graph_of_another_model(model, estimator):
@@ -94,7 +98,24 @@ def test_the_file_holds_standard_operators_and_what_is_to_be_known(model, export
     facts = {entry.key: entry.value for entry in proto.metadata_props}
     assert json.loads(facts["reach"]) == model.reach.tolist()
     assert json.loads(facts["least_similarity"]) == 0.8
-    assert exported.size_mb < 5
+    assert exported.size_mb < 6
+
+
+def test_the_file_and_its_card_name_the_workspace_of_the_images(model, tmp_path):
+    box = {"workspace": [[0.3, None, 0.1], [0.7, 0.2, None]]}
+    limited = replace(model, first_guess=None, trained_on=box)
+    exported = export_onnx(limited, tmp_path / "model.onnx", n_check=0)
+    estimator = OnnxEstimator(exported.path)
+    assert LoopSettings().robot_box(estimator) == LoopSettings().robot_box(limited)
+    assert "inside x 300 to 700 mm, y -inf to 200 mm, z 100 to inf mm" in exported.card.read_text()
+    facts = {e.key: e.value for e in onnx.load(exported.path).metadata_props}
+    assert json.loads(facts["workspace"]) == [0.3, -1e6, 0.1, 0.7, 0.2, 1e6]
+    assert json.loads(facts["tolerance"])[0] == pytest.approx(1e-3 * NEAR_ENOUGH["mm"])
+
+
+def test_without_a_workspace_the_card_says_so(exported, estimator):
+    assert "without a workspace" in exported.card.read_text()
+    assert not LoopSettings().robot_box(estimator).is_limited
 
 
 def test_the_card_says_what_was_measured(exported):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,9 @@ Array = NDArray[np.float64]
 EQUAL = 1e-3
 """Differences up to this share of the tolerance count as none."""
 
+LEAST_TOLERANCE = np.repeat([1e-3 * NEAR_ENOUGH["mm"], np.radians(NEAR_ENOUGH["deg"])], 3)
+"""What is always near enough, by dof, [m] and [rad]."""
+
 _DRAWN = 0.8
 
 
@@ -47,6 +51,8 @@ class Agreement:
     similarity : float
         Greatest difference of the similarities.
     n_images : int
+    ms : tuple of 2 floats
+        Median time for an image, by the model and by its export on one core.
     """
 
     median: Array
@@ -55,6 +61,7 @@ class Agreement:
     deviation: float
     similarity: float
     n_images: int
+    ms: tuple[float, float]
 
     @property
     def worst_share(self) -> float:
@@ -90,18 +97,20 @@ class Agreement:
                 f"The images must be as large as the reference image, {width} x {height} px, got "
                 f"{images.shape[2]} x {images.shape[1]} px."
             )
-        differences, shares, deviations, similarities = [], [], [], []
-        least = np.repeat([1e-3 * NEAR_ENOUGH["mm"], np.radians(NEAR_ENOUGH["deg"])], 3)
+        differences, shares, deviations, similarities, times = [], [], [], [], []
         shown = _shown(model, n_rendered) if n_rendered else iter(())
         for image in (*shown, *(() if images is None else images)):
-            ours, theirs = model.estimate(image), exported.estimate(image)
+            started = perf_counter()
+            ours, between = model.estimate(image), perf_counter()
+            theirs, ended = exported.estimate(image), perf_counter()
+            times.append((between - started, ended - between))
             if not (theirs.is_recognised or ours.is_recognised):
                 continue  # what neither takes for the part is read of nothing
             found = np.stack([ours.displacement, theirs.displacement])
             six = displacements_from_poses(np.eye(4), found, model.pivot)
             difference = np.abs(six[0] - six[1])
             known = np.isfinite(ours.std)
-            tolerance = np.maximum(np.where(known, ours.std, 0.0), least)
+            tolerance = np.maximum(np.where(known, ours.std, 0.0), LEAST_TOLERANCE)
             ratio = theirs.std[known] / ours.std[known]
             differences.append(difference)
             shares.append((difference / tolerance).max())
@@ -118,6 +127,7 @@ class Agreement:
             float(np.max(deviations)),
             float(np.max(similarities)),
             len(shares),
+            tuple((1e3 * np.median(times, axis=0)).tolist()),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -144,6 +154,8 @@ class Agreement:
             "worst_share_of_tolerance": self.worst_share,
             "worst_deviation": self.deviation,
             "worst_similarity": self.similarity,
+            "ms_by_model": round(self.ms[0], 1),
+            "ms_by_file": round(self.ms[1], 1),
             "dofs": by_dof,
         }
 

@@ -10,15 +10,16 @@ from servoscope.export.agreement import EQUAL, Agreement
 from servoscope.export.graph import OPSET
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 from servoscope.positioning.keyframe_model import KeyframeModel
-from servoscope.positioning.settings import NEAR_ENOUGH
+from servoscope.positioning.settings import NEAR_ENOUGH, LoopSettings
 from servoscope.report.table import Table
 from servoscope.wording import plain_number
 
 _MEANING = {
     "displacement": "`inv(T_world_ref) @ T_world_cam` of the frame whose poses the robot "
     "reported in training, row by row [m]",
-    "delta_p": "the same about the pivot: tx ty tz [m], then the Euler angles rx ry rz [rad] of "
-    "`Rz(rz) Ry(ry) Rx(rx)`",
+    "correction": "the inverse of `displacement`",
+    "delta_p": "the displacement about the pivot: tx ty tz [m], then the Euler angles rx ry rz "
+    "[rad] of `Rz(rz) Ry(ry) Rx(rx)`",
     "deviation": "standard deviation that is believed of each number of `delta_p`; NaN in dofs "
     "that are not commanded",
     "similarity": "median correlation of the image with what is expected at the displacement",
@@ -65,15 +66,19 @@ def model_card(
                 "covered, or was taken too far away (similarity below "
                 f"{model.least_similarity:.4g}, or beyond twice the range of translations or 1.5 "
                 "times that of rotations).",
-                "- Otherwise the camera is brought back by moving the robot by the inverse of "
-                "`displacement` in its own axes: `T_new = T_now @ inv(displacement)`.",
+                "- Otherwise the camera is brought back by moving the robot by `correction` in its "
+                "own axes: `T_new = T_now @ correction`.",
+                f"- {_workspace(model)}",
                 "- One look far from the reference is less accurate than one near it: look again "
                 "after each move, until `delta_p` is as small as `deviation`.",
                 f"- The pivot is {1e3 * model.pivot:.6g} mm along z of the reported frame.",
                 "- The graph knows no image before. It always searches the whole range, where "
                 "the loop of servoscope begins near the reference once it has moved.",
-                "- What the loop of servoscope watches besides (workspace, exposure, frozen "
-                "images, steps that do not shrink) is the controller's to watch.",
+                "- What the loop of servoscope watches besides (exposure, frozen images, steps "
+                "that do not shrink) is the controller's to watch.",
+                "- The file's metadata hold this as JSON, in metres and radians: `workspace` "
+                "(least x, y, z, greatest; 1e6 is no limit), `pivot`, `dofs`, `reads`, `reach`, "
+                "`tolerance` (always near enough), `least_similarity`.",
             ]
         ),
         "## Accuracy of the model",
@@ -82,6 +87,19 @@ def model_card(
         _equality(agreement),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def _workspace(model: KeyframeModel) -> str:
+    workspace = LoopSettings().robot_box(model)
+    if not workspace.is_limited:
+        return (
+            "Its images were taken without a workspace: the file sets no limit to where the robot "
+            "goes."
+        )
+    return (
+        f"Its images were taken inside {workspace} of the robot's coordinates. Refuse a `T_new` "
+        "outside."
+    )
 
 
 def _accuracy(model: KeyframeModel) -> str:
@@ -120,7 +138,6 @@ def _equality(agreement: Agreement | None) -> str:
         f"on {agreement.equal:.0%} of the images; the greatest difference is "
         f"{agreement.worst_share:.2g} of it. Deviations differ by "
         f"{agreement.deviation:.2g} of themselves at most, similarities by "
-        f"{agreement.similarity:.2g}. Differences come from rounding to single precision; a "
-        "search that hesitates far from the reference makes them larger."
+        f"{agreement.similarity:.2g}. Differences come from rounding."
     )
     return f"{words}\n\n{Table(['dof', 'median', 'worst'], rows).to_markdown()}\n\n{more}"

@@ -201,10 +201,13 @@ class Graph:
         return self._constants[key]
 
     def field(self, array: ArrayLike) -> Value:
-        """An array that is known to single precision, as float64."""
+        """An array as float64, kept in single precision where that loses nothing."""
         from onnx import helper
 
-        single = self.constant(np.asarray(array, np.float32))
+        exact, rounded = np.asarray(array, float), np.asarray(array, np.float32)
+        if (exact != rounded).any():
+            return self.constant(exact)
+        single = self.constant(rounded)
         if single.name not in self._fields:
             double = self._new(np.float64)
             to = helper.np_dtype_to_tensor_dtype(double.dtype)

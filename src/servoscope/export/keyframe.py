@@ -17,7 +17,7 @@ from servoscope.export.levels import (
 )
 from servoscope.export.recognition import RecognitionGraph
 from servoscope.export.resizing import reduced
-from servoscope.export.rigid import Motions, rotation_angle, solve
+from servoscope.export.rigid import Motions, inverse, rotation_angle, solve
 from servoscope.keyframe.alignment import (
     BETWEEN,
     BLURRED,
@@ -36,7 +36,6 @@ from servoscope.positioning.first_guess import FirstGuess, bounds_of, small_shap
 from servoscope.positioning.keyframe_model import FARTHEST, KeyframeModel
 
 Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 
 class KeyframeGraph:
@@ -55,7 +54,7 @@ class KeyframeGraph:
         self.search, self.freedom = Motions(aligner.search), Motions(aligner.freedom)
         self.levels = [LevelGraph(graph, level, self.search) for level in aligner.levels]
         self.evened = LevelGraph(graph, aligner.evened, self.search)
-        self.grey = image.cast(np.float32)
+        self.grey = image.cast(np.float64)
         self._shape = model.image_shape
         self.pictures = []
         for level in aligner.levels:
@@ -94,16 +93,15 @@ class KeyframeGraph:
         """Displacements about the pivot, (n_windows, 6)."""
         shape = small_shape(self._shape)
         small = reduced(self.grey, self._shape, shape, 0.0)
-        even = _evened(small, shape) / np.float32(30)
+        even = _evened(small, shape) / 30.0
         found = []
         for window, (rows, columns) in zip(first_guess.windows, bounds_of(shape), strict=True):
             pixels = even[rows, columns].reshape(1, -1)
-            at = (pixels - window.mean) @ window.components
-            squares = np.einsum("ij,ij->i", window.samples, window.samples)
-            distances = squares + (at * at).sum() - 2.0 * (at @ window.samples.T)
-            found.append(self.graph.apply("Exp", -distances) @ window.weights)
-        shares = concatenate(found).cast(np.float64)
-        return shares.clip(-1.2, 1.2) * first_guess.reach
+            at = (pixels - window.mean) @ self.graph.field(window.components)
+            samples = self.graph.field(window.samples.T)
+            distances = (samples * samples).sum(0) + (at * at).sum() - 2.0 * (at @ samples)
+            found.append(self.graph.apply("Exp", -distances) @ self.graph.field(window.weights))
+        return concatenate(found).clip(-1.2, 1.2) * first_guess.reach
 
     def _from(self, starts: Value, n_starts: int) -> Descent:
         """As `Aligner._from`."""
@@ -206,6 +204,7 @@ class KeyframeGraph:
         similarity = recognition.similarity(small, T)
         return {
             "displacement": displacement,
+            "correction": inverse(displacement),
             "delta_p": delta_p,
             "deviation": deviation,
             "similarity": similarity,

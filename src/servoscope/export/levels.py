@@ -24,7 +24,6 @@ from servoscope.keyframe.robust import BEND, MOST_RANKED
 from servoscope.keyframe.warping import NEAREST, SATURATED, UNSEEN
 
 Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 _LARGE = 1e9
 
@@ -51,15 +50,15 @@ class Seen(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """An image at one resolution: its pixels, row by row, float64, and its height and width."""
+    """An image at one resolution: its pixels, row by row, and its height and width."""
 
     pixels: Value
     shape: tuple[int, int]
 
     @classmethod
     def of(cls, image: Value, shape: tuple[int, int]) -> Picture:
-        """Of an image of float32."""
-        return cls(image.cast(np.float64).reshape(-1), shape)
+        """Of an image."""
+        return cls(image.reshape(-1), shape)
 
 
 def locate(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,15 @@ from PIL import Image as PillowImage
 from servoscope.dofs import check_dofs
 from servoscope.errors import InvalidInputError, ModelError
 from servoscope.positioning.interfaces import Array, Estimate, Image
+from servoscope.positioning.workspace import Workspace
 from servoscope.storage.reading import open_image_bytes, parse_json, read_bytes
 from servoscope.wording import one_line
 
-FACTS = ("dofs", "pivot", "reach", "least_similarity")
+FACTS = ("dofs", "pivot", "reach", "least_similarity", "workspace")
 """What the file holds beside the graph, as JSON; the reference image is a PNG in hexadecimal."""
+
+_ANYWHERE = 1e6
+"""Sides of a workspace that are this far away, [m], are no limits; JSON has no infinity."""
 
 REFERENCE = "reference_image"
 
@@ -28,6 +33,18 @@ def image_fact(image: Image) -> str:
     png = io.BytesIO()
     PillowImage.fromarray(image).save(png, "PNG")
     return png.getvalue().hex()
+
+
+def workspace_fact(workspace: Workspace) -> str:
+    """A workspace as six numbers: the least x, y and z, and the greatest, [m].
+
+    Examples
+    --------
+    >>> workspace_fact(Workspace.parse("x=300:700"))
+    '[0.3, -1000000.0, -1000000.0, 0.7, 1000000.0, 1000000.0]'
+    """
+    sides = np.array([workspace.low, workspace.high]).clip(-_ANYWHERE, _ANYWHERE)
+    return json.dumps(sides.ravel().tolist())
 
 
 class OnnxEstimator:
@@ -74,6 +91,9 @@ class OnnxEstimator:
             self.dofs = check_dofs(known["dofs"])
             self.pivot, self._least = float(known["pivot"]), float(known["least_similarity"])
             self.reach: Array = np.array(known["reach"], dtype=float).reshape(6)
+            sides = np.array(known["workspace"], dtype=float).reshape(2, 3)
+            sides[np.abs(sides) >= _ANYWHERE] *= np.inf
+            self.trained_on = {"workspace": Workspace(*map(tuple, sides.tolist())).corners()}
             with open_image_bytes(bytes.fromhex(facts[REFERENCE]), name, ModelError) as image:
                 self.reference_image: Image = np.array(image.convert("L"))
         except Exception as error:  # onnxruntime raises of every kind on damaged files

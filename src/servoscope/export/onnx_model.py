@@ -13,17 +13,24 @@ from numpy.typing import NDArray
 
 from servoscope import __version__
 from servoscope.errors import FolderExistsError, InvalidInputError, ModelError
-from servoscope.export.agreement import Agreement
+from servoscope.export.agreement import LEAST_TOLERANCE, Agreement
 from servoscope.export.card import model_card
 from servoscope.export.graph import Graph
 from servoscope.export.keyframe import KeyframeGraph
-from servoscope.export.onnx_estimator import REFERENCE, OnnxEstimator, image_fact
+from servoscope.export.onnx_estimator import (
+    REFERENCE,
+    OnnxEstimator,
+    image_fact,
+    workspace_fact,
+)
 from servoscope.positioning.keyframe_model import KeyframeModel
 from servoscope.positioning.model import PositioningModel
+from servoscope.positioning.settings import LoopSettings
 from servoscope.storage.folders import write_atomically, write_text
 
 OUTPUTS: dict[str, tuple[int, ...]] = {
     "displacement": (4, 4),
+    "correction": (4, 4),
     "delta_p": (6,),
     "deviation": (6,),
     "similarity": (),
@@ -32,7 +39,7 @@ OUTPUTS: dict[str, tuple[int, ...]] = {
 }
 """The outputs of an exported model, and their shapes."""
 
-DIFFERENT = 1.0
+DIFFERENT = 0.1
 """Shares of the tolerance beyond which an export is no copy of the model."""
 
 
@@ -57,7 +64,7 @@ class Exported:
     agreement: Agreement | None
 
 
-LEAST_EQUAL = 0.5
+LEAST_EQUAL = 0.9
 """The least share of the images on which both must be equal."""
 
 
@@ -90,6 +97,9 @@ def to_onnx(model: KeyframeModel) -> bytes:
         "pivot": json.dumps(model.pivot),
         "reach": json.dumps(model.reach.tolist()),
         "least_similarity": json.dumps(model.least_similarity),
+        "tolerance": json.dumps(LEAST_TOLERANCE.tolist()),
+        "workspace": workspace_fact(LoopSettings().robot_box(model)),
+        "units": json.dumps("m, rad"),
         REFERENCE: image_fact(model.reference_image),
     }
     proto = graph.to_model("servoscope", [(image, model.image_shape)], outputs, facts)

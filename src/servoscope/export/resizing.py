@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from servoscope.export.graph import Value
 
-Floats = NDArray[np.float32]
+Array = NDArray[np.float64]
 
 
-def reduction(size: int, to: int, sigma: float) -> Floats:
+def reduction(size: int, to: int, sigma: float) -> Array:
     """The matrix (to, size) that makes a line of pixels `to` long, and blurs it, as OpenCV does.
 
     Resizing by areas and a Gaussian blur act on rows and columns one after the other, so that
@@ -21,21 +21,20 @@ def reduction(size: int, to: int, sigma: float) -> Floats:
     --------
     >>> reduction(4, 2, 0.0)
     array([[0.5, 0.5, 0. , 0. ],
-           [0. , 0. , 0.5, 0.5]], dtype=float32)
+           [0. , 0. , 0.5, 0.5]])
     """
     matrix = np.eye(size)
     if to != size:
-        whole = matrix.astype(np.float32)
-        matrix = np.asarray(cv2.resize(whole, (size, to), interpolation=cv2.INTER_AREA), float)
+        matrix = np.asarray(cv2.resize(matrix, (size, to), interpolation=cv2.INTER_AREA))
     if sigma > 0:
-        units = (unit.reshape(to, 1) for unit in np.eye(to, dtype=np.float32))
+        units = (unit.reshape(to, 1) for unit in np.eye(to))
         border = cv2.BORDER_REPLICATE
         blurred = [cv2.GaussianBlur(unit, (0, 0), sigma, borderType=border) for unit in units]
-        matrix = np.hstack(blurred).astype(float) @ matrix
-    return matrix.astype(np.float32)
+        matrix = np.hstack(blurred) @ matrix
+    return matrix
 
 
 def reduced(image: Value, shape: tuple[int, int], to: tuple[int, int], sigma: float) -> Value:
-    """An image of a shape (height, width) made small and blurred, float32."""
+    """An image of a shape (height, width) made small and blurred."""
     rows, columns = (reduction(size, end, sigma) for size, end in zip(shape, to, strict=True))
     return rows @ image @ columns.T

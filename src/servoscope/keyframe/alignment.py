@@ -152,7 +152,7 @@ class Aligner:
 
     def align(self, image: NDArray[np.uint8], starts: Array | None) -> Alignment:
         """See `Keyframe.align`."""
-        prepared = [level.view.prepare(image) for level in self.levels]
+        prepared = [level.prepare(image) for level in self.levels]
         if starts is None:
             guess = self._best(prepared, self._screened(prepared, self.starts, N_STARTS))
         else:
@@ -166,7 +166,7 @@ class Aligner:
         covariance = self._covariance(level, grey, guess, displacement)
         return Alignment(displacement, delta_p, covariance, similarity, share_visible, guess.light)
 
-    def _from(self, prepared: Sequence[Floats], starts: Sequence[Array]) -> Guess:
+    def _from(self, prepared: Sequence[Array], starts: Sequence[Array]) -> Guess:
         """The guess that explains an image best, of those that first guesses lead to.
 
         The coarsest resolution is left out: what covers a part of the view, or lights it
@@ -183,7 +183,7 @@ class Aligner:
         return self._best(prepared, guesses)
 
     def _screened(
-        self, prepared: Sequence[Floats], starts: Sequence[Array], n_starts: int
+        self, prepared: Sequence[Array], starts: Sequence[Array], n_starts: int
     ) -> list[Guess]:
         """Where the starts that correlate best lead to at the coarsest resolution."""
         middle, guesses = self.levels[1], []
@@ -194,7 +194,7 @@ class Aligner:
                 guesses.append(middle.start(coarse.T))
         return guesses
 
-    def _best(self, prepared: Sequence[Floats], guesses: Sequence[Guess]) -> Guess:
+    def _best(self, prepared: Sequence[Array], guesses: Sequence[Guess]) -> Guess:
         """The guess that explains an image best, each followed at the middle resolution."""
         middle = self.levels[1]
         tolerance = STAGES[1].tolerance
@@ -209,7 +209,7 @@ class Aligner:
         v, w = np.split(logarithm(T), 2)
         return float(np.linalg.norm(v) * self.typical_depth + np.linalg.norm(w))
 
-    def _covariance(self, level: Level, image: Floats, guess: Guess, displacement: Array) -> Array:
+    def _covariance(self, level: Level, image: Array, guess: Guess, displacement: Array) -> Array:
         """Covariance of the displacement about the pivot.
 
         The sandwich formula with residuals that are correlated inside blocks of the view; errors
@@ -224,7 +224,7 @@ class Aligner:
         grid = level.grid
         H, _ = grid.normal_equations(J, r, w, level.laplacian, level.grey, guess.light)
         alone = grid.without_light(J, level.laplacian, level.grey, H)
-        information = ((alone * w[:, None]).T @ J).astype(float)
+        information = (alone * w[:, None]).T @ J
         known = max(slope, LEAST_SLOPE) * information + np.diag(1 / PRIOR**2)
         B = self.search.twists(guess.T)
         bread = B @ np.linalg.inv(B.T @ known @ B) @ B.T
@@ -238,7 +238,7 @@ class Aligner:
         misplaced = float(np.linalg.norm(errors))
         meat = np.diag(1 / PRIOR**2)
         sums = np.zeros((3, N_BLOCKS**2, 6))
-        share = np.float32(misplaced / level.view.width)
+        share = misplaced / level.view.width
         _add_scores(alone, w, r, share * level.slopes, level.blocks, sums)
         meat = meat + np.einsum("ebi,ebj->ij", sums, sums)
         by_twist = self.by_twist(displacement)

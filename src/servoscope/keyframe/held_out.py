@@ -61,7 +61,7 @@ class Residuals:
         ndarray of shape (rows, columns), float32
         """
         T = inverse_transform(conjugate(self._mount, found.displacement))
-        grey = self.view.prepare(image)
+        grey = self._level.prepare(image)
         guess = Guess(T, found.light.resized(_N_NODES))
         _, residuals, _, _ = self._level.linearise(grey, guess)
         shown = np.empty(self.view.grey.size, np.float32)

@@ -8,7 +8,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
@@ -88,10 +88,12 @@ FAINT = 8.0
 """Deviation that is small beside noise and shades, [grey]."""
 
 
-def prepare(image: NDArray[np.generic], width: int, sigma: float) -> Floats:
+def prepare(
+    image: NDArray[np.generic], width: int, sigma: float, dtype: DTypeLike = np.float32
+) -> NDArray[Any]:
     """The image at a width, its height in proportion, blurred by `sigma` of the new pixels."""
     height = level_height(image.shape, width)
-    grey: NDArray[Any] = np.asarray(image, dtype=np.float32)
+    grey: NDArray[Any] = np.asarray(image, dtype=dtype)
     if image.shape[1] != width:
         grey = cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA)
     if sigma > 0:
@@ -103,7 +105,7 @@ EVENED = 0.1
 """What is coarser than this share of the width is taken for light."""
 
 
-def evened(grey: Floats) -> Floats:
+def evened(grey: NDArray[Any]) -> NDArray[Any]:
     """What is finer than a share of the width, in units of its deviation nearby.
 
     It is free of light that varies slowly, and bounded, so that what covers a part of the view
@@ -112,8 +114,9 @@ def evened(grey: Floats) -> Floats:
     sigma = EVENED * grey.shape[1]
     fine = grey - cv2.GaussianBlur(grey, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
     square = cv2.GaussianBlur(fine * fine, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
-    ratio = fine / (np.sqrt(square) + np.float32(FAINT))
-    return np.asarray(30 * ratio.clip(-2, 2), dtype=np.float32)
+    ratio: NDArray[Any] = fine / (np.sqrt(square) + FAINT)
+    evened: NDArray[Any] = 30 * ratio.clip(-2, 2)
+    return evened
 
 
 def level_height(shape: tuple[int, ...], width: int) -> int:
@@ -229,6 +232,9 @@ class Guess:
 class Level:
     """The keyframe at one resolution.
 
+    All is computed in double precision: a descent of many steps far from the truth makes the
+    rounding of single precision a thousand times larger.
+
     Parameters
     ----------
     view : View
@@ -269,13 +275,17 @@ class Level:
         self.grid = LightGrid(view.points[used], view.aspect, n_nodes, stiffness)
         self.used = used[self.grid.order]
         rays, by_camera = camera.rays(view.points[self.used])
-        self.by_camera = by_camera.astype(np.float32)
-        self.slopes, self.laplacian = view.slopes[self.used], view.laplacian[self.used]
-        self._xy = view.points[self.used].astype(np.float32)
-        self.rays = rays.astype(np.float32)
-        self.depth = inverse_depth.ravel()[self.used].astype(np.float32)
-        self.grey = view.grey.ravel()[self.used]
-        self.trust = trust.ravel()[self.used].astype(np.float32)
+        self.rays, self.by_camera, self._xy = rays, by_camera, view.points[self.used]
+        self.slopes, self.laplacian, self.depth, self.grey, self.trust = (
+            field[self.used].astype(float)
+            for field in (
+                view.slopes,
+                view.laplacian,
+                inverse_depth.ravel(),
+                view.grey.ravel(),
+                trust.ravel(),
+            )
+        )
         self._values = camera.values
         height, width = view.shape
         blocks = rows * N_BLOCKS // height * N_BLOCKS + columns * N_BLOCKS // width
@@ -285,17 +295,21 @@ class Level:
         """A guess in the light of the reference."""
         return Guess(T, Light.even(self.grid.k))
 
-    def correlation(self, image: Floats, T: Array) -> float:
+    def prepare(self, image: NDArray[np.generic]) -> Array:
+        """Another image at this resolution."""
+        return prepare(image, self.view.width, self.view.sigma, float)
+
+    def correlation(self, image: Array, T: Array) -> float:
         """Correlation of an image with the keyframe as it would be seen."""
         return correlation(
             image, T, self._values, self.view.aspect, self.rays, self.depth, self.grey
         )
 
-    def linearise(self, image: Floats, guess: Guess) -> tuple[Floats, Floats, Floats, float]:
+    def linearise(self, image: Array, guess: Guess) -> tuple[Array, Array, Array, float]:
         """Derivatives by a twist (n, 6), residuals, robust inverse variances, residuals' scale."""
         gain, offset = self.grid.at_points(guess.light)
-        offset += np.float32(guess.light.defocus) * self.laplacian
-        jacobian = np.empty((len(self.used), N_ALIGNED), np.float32)
+        offset += guess.light.defocus * self.laplacian
+        jacobian = np.empty((len(self.used), N_ALIGNED))
         by_depth, residuals = np.empty_like(self.grey), np.empty_like(self.grey)
         linearise(
             image, guess.T, self._values, self.view.aspect, self._xy, self.rays, self.by_camera,
@@ -305,15 +319,15 @@ class Level:
         scale = robust_scale(residuals, LEAST_SCALE)
         weights = np.empty_like(self.grey)
         robust_weights(residuals, scale, weights)
-        weights *= self.trust * np.float32(1 / scale**2)
+        weights *= self.trust / scale**2
         return jacobian, residuals, weights, scale
 
-    def descend(self, image: Floats, guess: Guess, n_steps: int, tolerance: float = 0.01) -> Guess:
+    def descend(self, image: Array, guess: Guess, n_steps: int, tolerance: float = 0.01) -> Guess:
         """Robust Gauss-Newton from a guess.
 
         Parameters
         ----------
-        image : ndarray of shape (height, width), float32
+        image : ndarray of shape (height, width)
             Prepared for the level.
         guess : Guess
             In the light of the reference, or as a coarser resolution found it.
@@ -349,14 +363,14 @@ class Level:
                 break
         return guess
 
-    def normal_equations(self, image: Floats, guess: Guess) -> tuple[Array, Array]:
+    def normal_equations(self, image: Array, guess: Guess) -> tuple[Array, Array]:
         """Robust normal equations of a twist, defocus and light."""
         J, r, w, _ = self.linearise(image, guess)
         H, g = self.grid.normal_equations(J, r, w, self.laplacian, self.grey, guess.light)
         H[np.diag_indices(6)] += 1 / PRIOR**2
         return H, g
 
-    def compare(self, image: Floats, T: Array) -> tuple[float, float]:
+    def compare(self, image: Array, T: Array) -> tuple[float, float]:
         """Mean correlation of blocks with what is expected there, and the share that is seen.
 
         Blocks count by the deviation of their grey levels; those that are less than half in view

@@ -12,8 +12,6 @@ from servoscope.compiled import compiled
 from servoscope.keyframe.robust import BLOCK, add_products
 
 Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-
 N_POSE = 7
 """Unknowns before those of the light: a twist, and defocus."""
 
@@ -50,7 +48,7 @@ class Light:
         hats = np.array([np.interp(np.linspace(0, 1, k), before, e) for e in np.eye(len(before))])
         return Light(hats.T @ self.nodes @ hats, self.defocus)
 
-    def unevenness(self, grey: Floats) -> float:
+    def unevenness(self, grey: Array) -> float:
         """By how much it changes grey levels over the view, in shares of how they differ."""
         change = self.nodes[0] * float(grey.mean()) + self.nodes[1]
         return float(change.std() / max(float(grey.std()), 1.0))
@@ -90,26 +88,26 @@ class LightGrid:
         self.starts = np.searchsorted(cell[self.order], np.arange((k - 1) ** 2 + 1))
         u, v = (at - corner)[self.order].T
         shares = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
-        self.shares = shares.astype(np.float32)
+        self.shares = shares
         row, column = np.divmod(np.arange((k - 1) ** 2), k - 1)
         first = row * k + column
         self.nodes = np.stack([first, first + 1, first + k, first + k + 1], axis=1)
         self.precision = stiffness**2 * np.stack([_rough(k, _GAIN), _rough(k, _OFFSET)])
         self.precision += np.array([_ANY_GAIN, _ANY_OFFSET])[:, None, None] ** -2.0 / k**4
 
-    def at_points(self, light: Light) -> tuple[Floats, Floats]:
+    def at_points(self, light: Light) -> tuple[Array, Array]:
         """Gain and offset at each point, (n,) each."""
-        fields = np.zeros((2, len(self.order)), np.float32)
+        fields = np.zeros((2, len(self.order)))
         _add_field(light.nodes.reshape(2, -1), self.shares, self.starts, self.nodes, fields)
         return fields[0], fields[1]
 
     def normal_equations(
         self,
-        jacobian: Floats,
-        residuals: Floats,
-        weights: Floats,
-        laplacian: Floats,
-        grey: Floats,
+        jacobian: Array,
+        residuals: Array,
+        weights: Array,
+        laplacian: Array,
+        grey: Array,
         light: Light,
     ) -> tuple[Array, Array]:
         """Of twist, defocus, gains and offsets; the light's prior is in them."""
@@ -137,7 +135,7 @@ class LightGrid:
             g[own] -= P @ off.ravel()
         return H, g
 
-    def without_light(self, jacobian: Floats, laplacian: Floats, grey: Floats, H: Array) -> Floats:
+    def without_light(self, jacobian: Array, laplacian: Array, grey: Array, H: Array) -> Array:
         """Derivatives by the twist less what light and defocus make alike, (n, 6).
 
         With H the normal equations of all, what light and defocus do for a step of the twist is
@@ -145,9 +143,9 @@ class LightGrid:
         """
         follows = np.linalg.solve(H[6:, 6:], H[6:, :6])
         nodes = follows[1:].reshape(2, self.k**2, 6).transpose(0, 2, 1).reshape(12, -1)
-        fields = np.zeros((12, len(self.order)), np.float32)
+        fields = np.zeros((12, len(self.order)))
         _add_field(np.ascontiguousarray(nodes), self.shares, self.starts, self.nodes, fields)
-        made = grey * fields[:6] + fields[6:] + np.outer(follows[0], laplacian).astype(np.float32)
+        made = grey * fields[:6] + fields[6:] + np.outer(follows[0], laplacian)
         return np.asarray(jacobian + made.T)
 
 
@@ -208,7 +206,7 @@ def _accumulate(
     at = np.empty(15, np.int64)
     for j in range(7):
         at[j] = j
-    rows, weighted = np.empty((15, BLOCK), np.float32), np.empty((15, BLOCK), np.float32)
+    rows, weighted = np.empty((15, BLOCK)), np.empty((15, BLOCK))
     block, slope = np.empty((15, 15)), np.empty(15)
     for cell in range(starts.shape[0] - 1):
         block[:] = 0.0
@@ -227,7 +225,7 @@ def _accumulate(
                     weighted[j, p] = weights[i] * rows[j, p]
             add_products(rows, weighted, n_points, block)
             for j in range(15):
-                total = np.float32(0.0)
+                total = 0.0
                 for p in range(n_points):
                     total += weighted[j, p] * residuals[start + p]
                 slope[j] -= total

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from servoscope.compiled import compiled
 from servoscope.keyframe.warping import UNSEEN
 
-Floats = NDArray[np.float32]
-
 BEND = 2.5
 """Residuals of this many standard deviations count a quarter."""
 
@@ -25,12 +23,12 @@ BLOCK = 128
 MOST_RANKED = 4096
 
 
-def robust_scale(residuals: Floats, least: float) -> float:
+def robust_scale(residuals: NDArray[Any], least: float) -> float:
     """Standard deviation of most residuals, [grey]; 255 where little is seen.
 
     Parameters
     ----------
-    residuals : ndarray of shape (n,), float32
+    residuals : ndarray of shape (n,)
     least : float
         What it is never below, [grey].
     """
@@ -47,10 +45,10 @@ def robust_weights(residuals: NDArray[Any], scale: float, weights: NDArray[Any])
 
     Parameters
     ----------
-    residuals : array of shape (n,), float32
+    residuals : array of shape (n,)
     scale : float
         [grey].
-    weights : array of shape (n,), float32
+    weights : array of shape (n,), of the residuals' type
         Written.
 
     Returns
@@ -58,8 +56,8 @@ def robust_weights(residuals: NDArray[Any], scale: float, weights: NDArray[Any])
     float
         Sum of ``u / (1 + u)`` over those that are seen.
     """
-    inverse = np.float32(1.0 / (BEND * scale))
-    zero, one = np.float32(0.0), np.float32(1.0)
+    number = weights.dtype.type
+    inverse, zero, one = number(1.0 / (BEND * scale)), number(0.0), number(1.0)
     left = zero
     for i in range(residuals.shape[0]):
         r = residuals[i] * inverse
@@ -80,7 +78,7 @@ def add_products(
     """Add to the lower half of H, (m, m), the products of two arrays of columns, (m, BLOCK)."""
     for j in range(H.shape[0]):
         for k in range(j + 1):
-            total = np.float32(0.0)
+            total = rows.dtype.type(0.0)
             for p in range(n_points):
                 total += weighted[j, p] * rows[k, p]
             H[j, k] += total

@@ -81,15 +81,22 @@ class Window:
         return cls(*(array.astype(np.float32) for array in kept))
 
     def predict(self, pixels: Floats) -> Array:
-        """A displacement in shares of the reach, (6,)."""
-        at = (pixels - self.mean) @ self.components
-        squares = self._squares + at @ at - 2 * (self.samples @ at)
-        return (np.exp(-squares) @ self.weights).astype(float)
+        """A displacement in shares of the reach, (6,).
+
+        In double precision: what samples contribute is large and of either sign, so that little of
+        single precision would be left in the sum.
+        """
+        components, samples, squares, weights = self._doubled
+        at = (pixels - self.mean).astype(float) @ components
+        return np.asarray(np.exp(2 * (samples @ at) - squares - at @ at) @ weights)
 
     @cached_property
-    def _squares(self) -> Floats:
-        """Squared lengths of the samples, (n_samples,)."""
-        return np.asarray(np.einsum("ij,ij->i", self.samples, self.samples))
+    def _doubled(self) -> tuple[Array, Array, Array, Array]:
+        """Components, samples, squared lengths of these and weights, in double precision."""
+        components, samples, weights = (
+            array.astype(float) for array in (self.components, self.samples, self.weights)
+        )
+        return components, samples, np.einsum("ij,ij->i", samples, samples), weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,5 +238,5 @@ def bounds_of(shape: tuple[int, int]) -> list[tuple[slice, slice]]:
 def _parts(image: Image, shape: tuple[int, int]) -> list[Floats]:
     """Pixels of each window of an image that is made small and even."""
     grey = cv2.resize(image.astype(np.float32), shape[::-1], interpolation=cv2.INTER_AREA)
-    small: Floats = evened(np.asarray(grey, np.float32)) / np.float32(30)
+    small: Floats = (evened(np.asarray(grey, np.float32)) / 30).astype(np.float32)
     return [small[part].ravel() for part in bounds_of(shape)]
