@@ -1,6 +1,7 @@
 """COLMAP, nerfstudio and BOP, written as their descriptions say: the poses come back."""
 
 import json
+import struct
 
 import cv2
 import numpy as np
@@ -89,9 +90,10 @@ def test_the_scale_of_a_reconstruction_is_said_or_warned_of(pose_folder):
 
 def test_a_colmap_model_that_cannot_be_used_is_refused(pose_folder):
     options = ColmapOptions(**COLMAP)
-    assert "holds no images.txt in ., sparse/0" in refusal(read_colmap, pose_folder.path, options)
+    message = refusal(read_colmap, pose_folder.path, options)
+    assert "holds no images.txt or images.bin in ., sparse/0" in message
     (pose_folder.path / "images.bin").write_bytes(b"")
-    assert "model_converter --output_type TXT" in refusal(read_colmap, pose_folder.path, options)
+    assert "images.bin: the file ends too early" in refusal(read_colmap, pose_folder.path, options)
     write_colmap(pose_folder, bad=4)
     message = refusal(read_colmap, pose_folder.path, options)
     assert "images.txt, line 12: the quaternion" in message
@@ -100,6 +102,62 @@ def test_a_colmap_model_that_cannot_be_used_is_refused(pose_folder):
     assert len(data) == 5
     (pose_folder.path / "sparse/0/images.txt").write_text("1 1 0 0 0 0 0 0 1")
     assert "line 1: must be 'IMAGE_ID QW" in refusal(read_colmap, pose_folder.path, options)
+
+
+def write_binary_colmap(source, place="sparse/0", name=lambda text: text.encode() + b"\0"):
+    """As COLMAP documents images.bin and cameras.bin."""
+    model = source.path / place
+    model.mkdir(parents=True, exist_ok=True)
+    content = struct.pack("<Q", len(source.names))
+    for i, (image, T) in enumerate(zip(source.names, source.T_world_cam, strict=True)):
+        T_cam_world = np.linalg.inv(T)
+        q = Rotation.from_matrix(T_cam_world[:3, :3]).as_quat(scalar_first=True)
+        content += struct.pack("<I7dI", i + 1, *q, *T_cam_world[:3, 3], 1) + name(image)
+        content += struct.pack("<Q", i) + struct.pack("<ddQ", 12.5, 7.25, 2**64 - 1) * i
+    (model / "images.bin").write_bytes(content)
+    camera = struct.pack("<QIiQQ", 1, 1, 2, 16, 12) + struct.pack("<4d", 20.0, 8.0, 6.0, -0.1)
+    (model / "cameras.bin").write_bytes(camera)
+
+
+def test_a_binary_colmap_model_reads_back(pose_folder):
+    write_binary_colmap(inside(pose_folder, "images"))
+    data = read_colmap(pose_folder.path, ColmapOptions(**COLMAP))
+    np.testing.assert_allclose(data.T_world_cam, pose_folder.T_world_cam, atol=1e-9)
+    np.testing.assert_array_equal(data.images, pose_folder.images)
+    assert data.source["cameras"] == ["1 SIMPLE_RADIAL 16 12 20 8 6 -0.1"]
+
+
+@pytest.mark.parametrize("end", [4, 8, 50, 80, 91, 300, -1])
+def test_a_binary_colmap_model_that_is_cut_short_is_refused(pose_folder, end):
+    write_binary_colmap(pose_folder, "")
+    path = pose_folder.path / "images.bin"
+    path.write_bytes(path.read_bytes()[:end])
+    assert "write it again" in refusal(read_colmap, pose_folder.path, ColmapOptions(**COLMAP))
+
+
+@pytest.mark.parametrize("name", [b"", b"\xff\xfe.png\0", b"a" * 5000])
+def test_a_binary_colmap_model_with_damaged_names_is_refused(pose_folder, name):
+    write_binary_colmap(pose_folder, "", name=lambda _: name)
+    message = refusal(read_colmap, pose_folder.path, ColmapOptions(**COLMAP))
+    assert "images.bin, image 1" in message
+
+
+@pytest.mark.parametrize("write", ["write_text", "write_binary"])
+@pytest.mark.parametrize("camera", ["SIMPLE_RADIAL", "OPENCV_FISHEYE"])
+def test_what_pycolmap_writes_reads_back(pose_folder, write, camera):
+    pycolmap = pytest.importorskip("pycolmap")
+    model = pycolmap.Reconstruction()
+    lens = pycolmap.Camera.create_from_model_name(1, camera, 20.0, 16, 12)
+    model.add_camera_with_trivial_rig(lens)
+    for i, (name, T) in enumerate(zip(pose_folder.names, pose_folder.T_world_cam, strict=True)):
+        image = pycolmap.Image(name=name, camera_id=1, image_id=i + 1)
+        pose = pycolmap.Rigid3d(np.linalg.inv(T)[:3])
+        model.add_image_with_trivial_frame(image, pose)
+    (pose_folder.path / "sparse").mkdir()
+    getattr(model, write)(pose_folder.path / "sparse")
+    data = read_colmap(pose_folder.path, ColmapOptions(**COLMAP))
+    np.testing.assert_allclose(data.T_world_cam, pose_folder.T_world_cam, atol=1e-9)
+    assert data.source["cameras"][0].startswith(f"1 {camera} 16 12 20")
 
 
 def test_images_of_several_cameras_are_warned_of(pose_folder):

@@ -1,4 +1,4 @@
-"""A reconstruction of COLMAP as text: ``images.txt``, beside the images."""
+"""A reconstruction of COLMAP, as text or binary: ``images.txt`` or ``images.bin``, and images."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import numpy as np
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.formats.assembly import assemble_data_set
+from servoscope.formats.colmap_binary import camera_lines, image_fields
 from servoscope.formats.conventions import CONVENTIONS, poses_from_numbers
 from servoscope.formats.frames import BAD_POSE, Drops, Frames, check_names_differ
 from servoscope.formats.options import Direction
@@ -39,7 +40,7 @@ class ColmapOptions(ScaledOptions):
     Parameters
     ----------
     model : str, optional
-        Folder within SRC that holds images.txt; by default SRC itself or sparse/0.
+        Folder within SRC that holds images.txt or images.bin; by default SRC itself or sparse/0.
     images : str, optional
         Folder within SRC that the names of the images are relative to; by default images, or SRC.
     direction : {"world-to-camera", "camera-to-world"}
@@ -61,10 +62,11 @@ def read_colmap(
     options: ColmapOptions | None = None,
     on_progress: Callable[[int], object] | None = None,
 ) -> PoseImageSet:
-    """Data set from a reconstruction that COLMAP wrote as text.
+    """Data set from a reconstruction that COLMAP wrote.
 
     ``images.txt`` holds a line ``IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`` for each image,
-    and after each a line of points, which is not read. Of ``cameras.txt`` the models are noted.
+    and after each a line of points, which is not read; where there is none, ``images.bin`` holds
+    the same. Of ``cameras.txt`` or ``cameras.bin`` the models are noted.
 
     Parameters
     ----------
@@ -76,7 +78,7 @@ def read_colmap(
     Returns
     -------
     PoseImageSet
-        In the order of ``images.txt``.
+        In the order of that file.
 
     Raises
     ------
@@ -100,7 +102,7 @@ def read_colmap(
     folder, drops = Path(src), Drops()
     check_folder(folder)
     model = _model(folder, options)
-    names, numbers, cameras = _read_images(model / "images.txt", options, drops)
+    names, numbers, cameras = _read_images(model, options, drops)
     place = options.images
     if place is None:
         place = next((name for name in _IMAGES if (folder / name).is_dir()), "")
@@ -121,25 +123,20 @@ def read_colmap(
             ServoscopeWarning,
             stacklevel=2,
         )
-    facts = {"cameras": _read_cameras(model / "cameras.txt", cameras)}
+    facts = {"cameras": _read_cameras(model, cameras)}
     return assemble_data_set(frames, options, drops, "colmap", on_progress, facts)
 
 
 def _model(folder: Path, options: ColmapOptions) -> Path:
-    """The folder that holds ``images.txt``."""
+    """The path of ``images.txt``, or of ``images.bin`` where there is none."""
     places = _PLACES if options.model is None else (options.model,)
-    for place in places:
-        if (folder / place / "images.txt").exists():
-            return folder / place
-    binary = next((p for p in places if (folder / p / "images.bin").exists()), None)
-    if binary is not None:
-        raise DataSetError(
-            f"{folder / binary} holds a binary model; write it as text: colmap model_converter "
-            "--output_type TXT."
-        )
+    for name in ("images.txt", "images.bin"):
+        for place in places:
+            if (path := folder / place / name).exists():
+                return path
     raise DataSetError(
-        f"{folder} holds no images.txt in {', '.join(p or '.' for p in places)}; name its folder "
-        "with --model."
+        f"{folder} holds no images.txt or images.bin in {', '.join(p or '.' for p in places)}; "
+        "name its folder with --model."
     )
 
 
@@ -148,10 +145,7 @@ def _read_images(
 ) -> tuple[list[str], np.ndarray, set[str]]:
     """Names, poses (n, 7) with NaN where one is left out, and the cameras' numbers."""
     names, numbers, cameras = [], [], set()
-    for where, line in _pose_lines(path):
-        fields = line.split(maxsplit=9)
-        if len(fields) != 10:
-            raise DataSetError(f"{where}: must be {_COLUMNS!r}, got {brief(line)}.")
+    for where, fields in image_fields(path) if path.suffix == ".bin" else _text_fields(path):
         names.append(relative_name(fields[9], where))
         cameras.add(fields[8])
         try:
@@ -166,6 +160,15 @@ def _read_images(
         raise DataSetError(f"{path} names no image; its lines must be {_COLUMNS!r}.")
     check_names_differ(names, path)
     return names, np.array(numbers), cameras
+
+
+def _text_fields(path: Path) -> Iterator[tuple[str, list[str]]]:
+    """Where each image stands in ``images.txt``, and its fields."""
+    for where, line in _pose_lines(path):
+        fields = line.split(maxsplit=9)
+        if len(fields) != 10:
+            raise DataSetError(f"{where}: must be {_COLUMNS!r}, got {brief(line)}.")
+        yield where, fields
 
 
 def _pose_lines(path: Path) -> Iterator[tuple[str, str]]:
@@ -192,10 +195,13 @@ def _pose_lines(path: Path) -> Iterator[tuple[str, str]]:
         raise DataSetError(f"{path} cannot be read ({words(error)}).") from error
 
 
-def _read_cameras(path: Path, used: set[str]) -> list[str]:
-    """What ``cameras.txt`` says of the cameras that are used; nothing if it is not there."""
+def _read_cameras(images: Path, used: set[str]) -> list[str]:
+    """What the file beside that of the images says of the cameras that are used, if it is there."""
+    path = images.with_stem("cameras")
     if not path.exists():
         return []
+    if path.suffix == ".bin":
+        return camera_lines(path, used)
     check_regular(path, DataSetError, LONGEST_LINE * 16)
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     return [line.strip()[:200] for line in lines if line.split() and line.split()[0] in used]
