@@ -391,6 +391,15 @@ def test_names_are_found_in_either_unicode_form(pose_folder, on_disk, in_table):
     assert data.names[3] == data.source["reference"] == normalize("NFC", name)
 
 
+def test_names_are_found_in_small_letters_or_capitals_where_one_file_alone_has_them(pose_folder):
+    pose_folder.write_csv([row.replace(".png", ".PNG") for row in pose_folder.rows()])
+    options = ImportOptions(reference="02.PNG")
+    data = read_folder(pose_folder.path, options)
+    np.testing.assert_array_equal(data.images, pose_folder.images)
+    pose_folder.write_image("03.Png", pose_folder.images[4])
+    assert "03.PNG is missing" in refusal(pose_folder, options)
+
+
 def test_one_name_in_two_unicode_forms_is_named_twice(pose_folder):
     rows = pose_folder.rows()
     rows[2] = rows[2].replace("02.png", normalize("NFC", "é.png"))

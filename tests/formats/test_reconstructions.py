@@ -104,6 +104,12 @@ def test_a_colmap_model_that_cannot_be_used_is_refused(pose_folder):
     assert "line 1: must be 'IMAGE_ID QW" in refusal(read_colmap, pose_folder.path, options)
 
 
+def test_a_binary_model_that_is_called_text_is_refused(pose_folder):
+    (pose_folder.path / "images.txt").write_bytes(b"\x08" + bytes(7) + b"\xff\xfe\x80")
+    message = refusal(read_colmap, pose_folder.path, ColmapOptions(**COLMAP))
+    assert "is no text; a binary model is called images.bin" in message
+
+
 def write_binary_colmap(source, place="sparse/0", name=lambda text: text.encode() + b"\0"):
     """As COLMAP documents images.bin and cameras.bin."""
     model = source.path / place
@@ -196,6 +202,19 @@ def test_a_transforms_json_reads_back_with_the_axes_of_opencv(pose_folder, endin
     np.testing.assert_allclose(data.T_world_cam, pose_folder.T_world_cam, atol=1e-12)
     np.testing.assert_array_equal(data.images, pose_folder.images)
     assert data.names == [f"train/{name}" for name in names]
+
+
+def test_a_transform_that_was_applied_to_the_world_changes_no_displacement(pose_folder):
+    applied = np.array([[0, 1, 0, 0.3], [1, 0, 0, 0], [0, 0, -1, 0.2], [0, 0, 0, 1]])
+
+    def moved(_, entry):
+        return {**entry, "transform_matrix": (applied @ entry["transform_matrix"]).tolist()}
+
+    write_nerfstudio(pose_folder, moved)
+    data = read_nerfstudio(pose_folder.path, NerfstudioOptions(**NERF))
+    there = np.linalg.inv(data.T_world_ref) @ data.T_world_cam
+    here = np.linalg.inv(pose_folder.T_world_cam[2]) @ pose_folder.T_world_cam
+    np.testing.assert_allclose(there, here, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -191,7 +191,9 @@ def _pose_lines(path: Path) -> Iterator[tuple[str, str]]:
                 if not is_points:
                     yield f"{path}, line {number}", text
                 is_points = not is_points
-    except (OSError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise DataSetError(f"{path} is no text; a binary model is called images.bin.") from error
+    except OSError as error:
         raise DataSetError(f"{path} cannot be read ({words(error)}).") from error
 
 

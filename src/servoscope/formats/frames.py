@@ -103,7 +103,7 @@ class Frames:
         """Files of the images, as the disk spells them; or what they are called in messages."""
         if self.read is not None:
             return [f"{self.folder}, image {name}" for name in self.names]
-        listings: dict[str, dict[str, str]] = {}
+        listings: dict[str, Listing] = {}
         return [_path_on_disk(str(self.folder), name, listings) for name in self.names]
 
     def take(self, kept: NDArray[np.bool_]) -> Frames:
@@ -140,19 +140,31 @@ def check_names_differ(names: list[str], path: Path) -> None:
         )
 
 
-def _path_on_disk(folder: str, name: str, listings: dict[str, dict[str, str]]) -> str:
-    """The file of that name, whatever Unicode form its letters have on disk."""
+Listing = tuple[dict[str, str], dict[str, str]]
+
+
+def _path_on_disk(folder: str, name: str, listings: dict[str, Listing]) -> str:
+    """The file of that name, whatever Unicode form or case its letters have on disk."""
     path = os.path.join(folder, name)
-    if name.isascii() or os.path.lexists(path):
+    if os.path.lexists(path):
         return path
     path = folder
     for part in name.split("/"):
         if not os.path.lexists(os.path.join(path, part)):
             if path not in listings:
-                listings[path] = {normalize("NFC", file): file for file in _list(path)}
-            part = listings[path].get(part, part)
+                listings[path] = _files_by_name(path)
+            exact, folded = listings[path]
+            part = exact.get(part) or folded.get(part.casefold(), part)
         path = os.path.join(path, part)
     return path
+
+
+def _files_by_name(folder: str) -> Listing:
+    """Files of a folder by their names, and by these in small letters where one alone has them."""
+    exact = {normalize("NFC", file): file for file in _list(folder)}
+    n_alike = Counter(name.casefold() for name in exact)
+    folded = {name.casefold(): file for name, file in exact.items()}
+    return exact, {name: file for name, file in folded.items() if n_alike[name] == 1}
 
 
 def _list(folder: str) -> list[str]:

@@ -195,7 +195,9 @@ def parse_numbers(texts: Sequence[str], columns: Sequence[str], where: str) -> l
     for number, text, column in zip(numbers, texts, columns, strict=True):
         if not math.isfinite(number):
             with_point = math.isfinite(_number(text.replace(",", ".")))
-            hint = "write decimals with a point" if with_point else "mend the line"
+            hint = "mend the line"
+            if with_point:
+                hint = "write decimals with a point (or say --decimal comma, of tables)"
             raise DataSetError(
                 f"{where}: {column} must be a finite number, got {brief(text.strip())}; {hint}, "
                 "or leave it out with --skip-bad."

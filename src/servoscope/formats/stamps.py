@@ -14,7 +14,9 @@ from servoscope.data.trajectory import Trajectory
 from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.poses import pose_error
 
-_SINCE_1970 = {1e17: "nanoseconds", 1e14: "microseconds", 1e11: "milliseconds"}
+_SINCE_1970 = 1e11
+_UNITS = {"ms": 1e3, "us": 1e6, "ns": 1e9}
+_USUAL_S = 0.05
 _LONGEST_PAUSE_S = 20_000.0
 _LONG_PAUSE_S = 1000.0
 _SAME_M, _SAME_RAD = 1e-4, 1e-4
@@ -37,8 +39,8 @@ def check_seconds(times: NDArray[np.float64], where: str) -> None:
     """
     stamp = float(np.median(times))
     pause = float(np.median(np.diff(np.sort(times)))) if len(times) > 1 else 0.0
-    unit = next((name for least, name in _SINCE_1970.items() if abs(stamp) >= least), None)
-    if unit is None and pause > _LONG_PAUSE_S and (times == np.round(times)).all():
+    is_far = abs(stamp) >= _SINCE_1970
+    if not is_far and pause > _LONG_PAUSE_S and (times == np.round(times)).all():
         if pause <= _LONGEST_PAUSE_S:
             warnings.warn(
                 f"{where}: stamps are whole numbers, {pause:.6g} apart, and taken as seconds; if "
@@ -47,12 +49,20 @@ def check_seconds(times: NDArray[np.float64], where: str) -> None:
                 stacklevel=4,
             )
             return
-        unit = "nanoseconds" if pause > 1e6 else "microseconds"
-    if unit is not None:
+        is_far = True
+    if is_far:
+        unit = _unit_of(abs(stamp), pause)
         raise DataSetError(
             f"{where}: stamps must be seconds, but those like {stamp:.0f}, {pause:.6g} apart, are "
-            f"{unit}; divide them."
+            f"in {unit}; divide them by {_UNITS[unit]:.0e} (in import log: --time-unit {unit})."
         )
+
+
+def _unit_of(stamp: float, pause: float) -> str:
+    """The unit in which stamps are as far apart as those of images are, or else of this century."""
+    if pause:
+        return min(_UNITS, key=lambda unit: abs(np.log(pause / _UNITS[unit] / _USUAL_S)))
+    return min(_UNITS, key=lambda unit: abs(np.log(stamp / _UNITS[unit] / 1.7e9)))
 
 
 def resolution(texts: Sequence[str], where: str = "Stamps") -> float:
