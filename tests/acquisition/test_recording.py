@@ -1,5 +1,7 @@
 """A robot of one's own takes images; whatever stops it, nothing is lost."""
 
+import signal
+
 import numpy as np
 import pytest
 
@@ -185,6 +187,26 @@ def test_a_camera_that_fails_ends_it_at_the_reference(tmp_path, image, reason) -
     ):
         acquire_from(robot, robot, tmp_path / "part", n_images=20, **SMALL)
     assert pose_error(T_WORLD_REF, robot.pose)[0] < 1e-9
+
+
+def test_ctrl_c_on_the_way_back_after_a_fault_stops_the_robot_there(tmp_path) -> None:
+    class Failing(Driver):
+        is_black, n_back = False, 0
+
+        def read(self):
+            self.is_black = self.n_sent > 10
+            return np.zeros((48, 48), np.uint8) if self.is_black else super().read()
+
+        def move_to(self, pose):
+            super().move_to(pose)
+            if self.is_black:
+                self.n_back += 1
+                signal.raise_signal(signal.SIGINT)
+
+    robot = Failing()
+    with pytest.raises(AcquisitionStoppedError, match=r"^Interrupted on the way back.*black"):
+        acquire_from(robot, robot, tmp_path / "part", n_images=20, **SMALL)
+    assert (robot.n_back, robot.n_stopped) == (1, 1)
 
 
 def test_a_frozen_camera_and_one_that_never_rests_are_refused(tmp_path) -> None:

@@ -361,31 +361,40 @@ class _Recording:
         """Take what is not there yet, and finish the data set."""
         with Interruption() as interruption:
             try:
-                begun = self._prepare(confirm)
-                self._take_all(begun, interruption)
+                begun = self._taken(confirm, interruption)
                 interruption.hold()
             except KeyboardInterrupt as error:
                 interruption.hold()
+                fault = _fault_behind(error)
+                after = "." if fault is None else f" on the way back, after: {_sentence(fault)}"
                 raise AcquisitionStoppedError(
-                    f"Interrupted. {self._robot.stop()} {self._standing()}"
+                    f"Interrupted{after} {self._robot.stop()} {self._standing()}"
                 ) from error
-            except RunEnded as end:
+            except AcquisitionStoppedError:  # the robot was stopped
                 interruption.hold()
-                raise AcquisitionStoppedError(
-                    f"{_sentence(end)} {self._left(end.status)} {self._standing()}"
-                ) from end
-            except OSError as error:
-                interruption.hold()
-                raise AcquisitionStoppedError(
-                    f"{self._folder} cannot be written ({one_line(error)}); make room. "
-                    f"{self._left('disk')} {self._standing()}"
-                ) from error
+                raise
             except BaseException:
                 interruption.hold()
                 self._robot.stop()
                 raise
             self._robot.stop()
         self._finish(begun)
+
+    def _taken(self, confirm: Callable[[Plan], bool] | None, interruption: Interruption) -> _Begun:
+        """What has all images; after a fault the robot goes back to the reference, if it can."""
+        try:
+            begun = self._prepare(confirm)
+            self._take_all(begun, interruption)
+        except RunEnded as end:
+            raise AcquisitionStoppedError(
+                f"{_sentence(end)} {self._left(end.status)} {self._standing()}"
+            ) from end
+        except OSError as error:
+            raise AcquisitionStoppedError(
+                f"{self._folder} cannot be written ({one_line(error)}); make room. "
+                f"{self._left('disk')} {self._standing()}"
+            ) from error
+        return begun
 
     def _prepare(self, confirm: Callable[[Plan], bool] | None) -> _Begun:
         """What was begun before, or else the reference as it is seen now."""
@@ -412,6 +421,7 @@ class _Recording:
             )
         self._on_shot(_shot(begun, None, begun.reference_image, begun.T_world_ref))
         if confirm is not None and not confirm(self._plan):
+            self._robot.stop()
             raise AcquisitionStoppedError("Nothing was moved: the plan was not confirmed.")
         self._begun = begun
         self._last = first, at
@@ -728,7 +738,15 @@ def _has_changed(before: Image, image: Image) -> bool:
     return arrival.is_displaced(compared) or compared.matched < _ALIKE
 
 
-def _sentence(end: RunEnded) -> str:
+def _fault_behind(error: BaseException) -> BaseException | None:
+    """The fault that the robot was on its way back after when it was interrupted."""
+    before = error.__context__
+    while before is not None and not isinstance(before, RunEnded | OSError):
+        before = before.__context__
+    return before
+
+
+def _sentence(end: BaseException) -> str:
     """Why it ended, with a full stop: drivers say what they like."""
     text = str(end)
     return text if text.endswith((".", "!", "?")) else f"{text}."
