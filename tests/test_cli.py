@@ -221,6 +221,29 @@ def test_called_from_python_it_leaves_ctrl_c_as_it_was(monkeypatch, capsys):
     assert capsys.readouterr().err.startswith("servoscope: interrupted")
 
 
+@pytest.mark.parametrize(
+    ("number", "code", "word"),
+    [(signal.SIGTERM, 143, "terminated"), (signal.SIGINT, 130, "interrupted")],
+)
+def test_a_command_that_is_ended_while_processes_share_arrays_says_one_line(number, code, word):
+    program = (
+        "import os, sys, numpy as np, servoscope.cli as cli, servoscope.commands.info as info\n"
+        "from servoscope.processes import in_processes\n"
+        "def ended():\n"
+        "    calls = ((np.full(300_000, float(i)),) for i in range(9))\n"
+        "    for _ in in_processes(np.sum, calls, 2):\n"
+        f"        os.kill(os.getpid(), {int(number)})\n"
+        "info.describe_installation = ended\n"
+        "sys.argv[1:] = ['info']\n"
+        "sys.exit(cli.main())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=LONG
+    )
+    said = f"servoscope: {word}; what is finished is kept\n"
+    assert (done.returncode, done.stdout, done.stderr) == (code, "", said)
+
+
 def test_the_command_line_starts_without_what_only_some_commands_need():
     code = (
         "import sys; from servoscope.commands.catalogue import _app; _app((), whole=True); "

@@ -102,7 +102,8 @@ def test_a_loop_that_not_all_starts_survive_is_not_recommended():
     said = conclude(_rows("wwwwww", {"tx": 0.5}), few)
     assert "0 of 1 tolerances met in the loop" in said
     assert said.endswith(
-        "4 of 8 rehearsed starts arrive; next: rehearse from nearer, servoscope rehearse."
+        "4 of 8 rehearsed starts arrive; next: train a model, servoscope train, and rehearse it "
+        "from nearer."
     )
 
 

@@ -160,3 +160,20 @@ def test_a_simulated_acquisition_is_previewed_too(capsys) -> None:
     assert main(["acquire", "out", "--schedule", "10@1.6", "--preview"]) == 0
     assert "10 images" in capsys.readouterr().out
     assert not Path("out/meta.json").exists()
+
+
+def test_a_preview_is_json_on_request(capsys) -> None:
+    plan = ["acquire", "out", "--schedule", "10@1.6", "--preview", "--json"]
+    assert main(plan) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["images"], facts["picture"]) == (10, str(Path("out/plan.png")))
+    assert facts["travel_m"] > 0
+
+
+def test_a_set_that_is_whole_is_said_to_be(capsys) -> None:
+    for again in (False, True):
+        assert main(["acquire", "out", "--n-images", "2", "--part", "textured_plane", *SMALL]) == 0
+        out, err = capsys.readouterr()
+        assert ("out is whole already: nothing was taken" in err) is again
+        assert "source           simulated textured plane, seed 0, translation mm 25," in out
+        assert "{" not in out

@@ -62,8 +62,9 @@ def test_the_camera_comes_back(cell, capsys) -> None:
     assert again["steps"][-1]["pose"] == result["steps"][-1]["pose"]
 
 
-def test_a_dry_run_tells_the_move_and_does_not_make_it(cell, capsys) -> None:
-    code, out, _ = run(capsys, "position", cell / "model", "--dry-run", "--json")
+@pytest.mark.parametrize("option", ["--dry-run", "--preview"])
+def test_a_dry_run_tells_the_move_and_does_not_make_it(cell, capsys, option) -> None:
+    code, out, _ = run(capsys, "position", cell / "model", option, "--json")
     result = json.loads(out)
     assert code == 0
     assert result["moves"] == 0

@@ -20,7 +20,9 @@ from servoscope.study.charts import (
     plot_sweep,
 )
 from servoscope.study.figures import list_figures
+from servoscope.study.page import describe_criteria
 from servoscope.study.results import read_run
+from servoscope.study.tables import criteria_table
 
 SWEEP = [
     {"thresholds": [0.0, 0.05], "n_features": 24, "rms": 0.2, "validation_rms": 0.18},
@@ -170,6 +172,14 @@ def test_criteria_differ_without_colour(compared):
     styles = {(line.get_marker(), line.get_linestyle()) for line in ax.lines}
     assert len(styles) == len(CRITERIA) + 1
     assert [label.get_text() for label in ax.get_xticklabels()] == ["4", "8", "16", "24"]
+
+
+def test_runs_with_a_criterion_that_is_gone_have_it_under_its_own_name(compared):
+    compared["errors"]["mrmr"] = compared["errors"].pop("ideal_point")
+    (legend,) = draw_criteria(compared).legends
+    assert "mrmr" in [text.get_text() for text in legend.get_texts()]
+    assert "mrmr" in criteria_table(compared).to_csv()
+    assert describe_criteria(compared)
 
 
 @pytest.mark.parametrize("n_dofs", [1, 6])

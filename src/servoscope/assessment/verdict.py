@@ -213,7 +213,8 @@ def _on_tolerances(asked: Mapping[str, Mapping[str, Any]], loop: Mapping[str, An
     if not missed:
         return f"{said}; next: train a model, servoscope train."
     if loop is not None and not arrives(loop):
-        return f"{said}; {_arrived(loop)}; next: rehearse from nearer, servoscope rehearse."
+        step = "train a model, servoscope train, and rehearse it from nearer"
+        return f"{said}; {_arrived(loop)}; next: {step}."
     advice = next((row["advice"][0] for row in missed if row["advice"]), "take more images")
     return f"{said}; next: {advice}."
 

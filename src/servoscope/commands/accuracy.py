@@ -45,6 +45,8 @@ def print_accuracy(
 ) -> None:
     """Print one table within 80 columns: what each dof was forecast to reach, and reaches.
 
+    A column of which nothing is known is left out.
+
     Parameters
     ----------
     accuracy : mapping
@@ -56,10 +58,7 @@ def print_accuracy(
     statistic, held_out = _held_out(accuracy)
     assessment = _within(accuracy, "assessment")
     rows, forecast = _within(assessment, "dofs"), _within(accuracy, "forecast")
-    table = Table(title="Error of each dof about the pivot", title_justify="left", padding=(0, 1))
-    for heading in ("dof", *(f"{what}\n{of}" for what, of in _HEADINGS)):
-        table.add_column(heading, justify="right", no_wrap=True)
-    is_rehearsed = False
+    is_rehearsed, cells = False, []
     for dof, unit in zip(DOFS, DISPLAY_UNITS, strict=True):
         if dof not in held_out:
             continue
@@ -72,7 +71,14 @@ def print_accuracy(
             held_out[dof],
             end,
         )
-        table.add_row(dof, *(_cell(x, unit) for x in (*values, (limit or {}).get(dof))))
+        cells.append([dof, *(_cell(x, unit) for x in (*values, (limit or {}).get(dof)))])
+    table = Table(title="Error of each dof about the pivot", title_justify="left", padding=(0, 1))
+    headings = ("dof", *(f"{what}\n{of}" for what, of in _HEADINGS))
+    known = [i for i in range(len(headings)) if any(shown[i] != NONE for shown in cells)]
+    for i in known:
+        table.add_column(headings[i], justify="right", no_wrap=True)
+    for shown in cells:
+        table.add_row(*(shown[i] for i in known))
     out = console()
     out.print(table)
     for line in _notes(accuracy, statistic, is_keyframe=limit is not None):

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from servoscope.acquisition.plan import Plan
+    from servoscope.acquisition.recording import RecordingConfig
     from servoscope.viewer.acquisition import LiveAcquisition
 
 IMAGES_OR_RINGS = create_mutex_group(required=False)
@@ -125,10 +126,11 @@ def acquire(
     from servoscope.acquisition import AcquisitionConfig
     from servoscope.acquisition import acquire as acquire_images
     from servoscope.acquisition.plan import Plan
+    from servoscope.acquisition.recording import RecordingConfig
     from servoscope.acquisition.until import FIRST, MOST_IMAGES, acquire_until
-    from servoscope.commands.info import describe_data_set
+    from servoscope.commands.info import print_data_set
     from servoscope.commands.options import n_jobs
-    from servoscope.commands.output import print_facts, progress_bar
+    from servoscope.commands.output import progress_bar
     from servoscope.commands.streams import print_message
     from servoscope.data.schedule import parse_schedule
     from servoscope.dofs import parse_accuracy, parse_dofs
@@ -150,14 +152,18 @@ def acquire(
             raise InvalidInputError(
                 "--until is for simulated robots; leave it out, and add images later if need be."
             )
-        settings = {
+        settings: dict[str, Any] = {
             "n_images": n_images, "schedule": rings, "seed": seed, "dofs": wanted,
             "translation_mm": translation_mm, "rotation_deg": rotation_deg, "pivot_mm": pivot_mm,
             "workspace": box, "max_step_mm": max_step_mm, "max_step_deg": max_step_deg,
             "check_every": check_every, "settle_s": settle_s,
         }  # fmt: skip
-        if _take(out, robot, camera, settings, preview=preview, yes=yes, force=force, page=shown):
-            print_facts(describe_data_set(out), as_json=json)
+        if preview:
+            _preview_own(out, robot, RecordingConfig(**settings), shown, json)
+            return
+        with _said_if_whole(out, force):
+            _take(out, robot, camera, settings, yes=yes, force=force, page=shown)
+        print_data_set(out, as_json=json)
         return
     if view and not preview:
         raise InvalidInputError(
@@ -190,9 +196,9 @@ def acquire(
     if preview:
         T_world_ref = config.reference()
         pivot = config.pivot(T_world_ref)
-        _show(Plan.draw(config.draws(), T_world_ref, pivot=pivot, workspace=box), out, shown)
+        _show(Plan.draw(config.draws(), T_world_ref, pivot=pivot, workspace=box), out, shown, json)
         return
-    with progress_bar("images", config.total()) as advance:
+    with _said_if_whole(out, force), progress_bar("images", config.total()) as advance:
         if request is None:
             acquire_images(out, config, n_jobs=n_jobs(jobs), force=force, on_progress=advance)
         else:
@@ -200,7 +206,32 @@ def acquire(
                 out, config, request, n_jobs=n_jobs(jobs), force=force, on_progress=advance,
                 on_standing=lambda standing: print_message(str(standing)),
             )  # fmt: skip
-    print_facts(describe_data_set(out), as_json=json)
+    print_data_set(out, as_json=json)
+
+
+@contextmanager
+def _said_if_whole(out: Path, force: bool) -> Iterator[None]:
+    """Say in the end that nothing was taken where the data set was there, and was asked for so."""
+    from servoscope.commands.streams import print_message
+    from servoscope.data.folder import is_finished
+
+    is_whole = is_finished(out) and not force
+    yield
+    if is_whole:
+        print_message(f"{out} is whole already: nothing was taken; --force takes it anew.")
+
+
+def _preview_own(
+    out: Path, robot: str, config: RecordingConfig, page: PageOptions | None, json: bool
+) -> None:
+    """Say where a robot of one's own would go."""
+    from servoscope.acquisition.recording import preview
+    from servoscope.robots.devices import closing, open_robot
+
+    device = open_robot(robot)
+    with closing(device):
+        plan = preview(device, config)
+    _show(plan, out, page, json)
 
 
 def _take(
@@ -209,26 +240,18 @@ def _take(
     camera: str | None,
     settings: dict[str, Any],
     *,
-    preview: bool,
     yes: bool,
     force: bool,
     page: PageOptions | None,
-) -> bool:
-    """Take images with a robot of one's own; False if it was only asked what that means."""
+) -> None:
+    """Take images with a robot of one's own."""
     from servoscope.acquisition.recording import RecordingConfig, acquire_from
-    from servoscope.acquisition.recording import preview as previewed
     from servoscope.commands.output import confirmed, progress_bar
     from servoscope.commands.streams import print_message
     from servoscope.errors import AcquisitionStoppedError
-    from servoscope.robots.devices import closing, open_both, open_robot
+    from servoscope.robots.devices import closing, open_both
 
     config = RecordingConfig(**settings)
-    if preview:
-        device = open_robot(robot)
-        with closing(device):
-            plan = previewed(device, config)
-        _show(plan, out, page)
-        return False
     device, taking = open_both(robot, camera)
     with closing(device, taking), ExitStack() as stack:
         live = None
@@ -263,7 +286,6 @@ def _take(
                     print_message(str(error))
                 raise KeyboardInterrupt from error
             raise
-    return True
 
 
 @contextmanager
@@ -291,14 +313,17 @@ def _shown(live: LiveAcquisition) -> Iterator[LiveAcquisition]:
         live.close()
 
 
-def _show(plan: Plan, out: Path, page: PageOptions | None) -> None:
+def _show(plan: Plan, out: Path, page: PageOptions | None, json: bool) -> None:
     """Print a plan, and draw it; in a browser until Ctrl-C, if there is to be a page."""
-    from servoscope.commands.output import console
+    from servoscope.commands.output import console, print_json
 
     out.mkdir(parents=True, exist_ok=True)
-    plan.save_picture(out / "plan.png")
-    console().print(str(plan), markup=False, highlight=False)
-    console().print(f"the way is drawn in {out / 'plan.png'}", markup=False, highlight=False)
+    picture = out / "plan.png"
+    plan.save_picture(picture)
+    if json:
+        print_json({**plan.facts(), "picture": str(picture)})
+    else:
+        console().print(f"{plan}\nthe way is drawn in {picture}", markup=False, highlight=False)
     if page is not None:
         from servoscope.viewer.acquisition import planned
 

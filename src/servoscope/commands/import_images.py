@@ -22,8 +22,8 @@ def import_command(name: str, format_: Format) -> Callable[..., None]:
         force: Force = False,
         json: Json = False,
     ) -> None:
-        from servoscope.commands.info import describe_data_set
-        from servoscope.commands.output import print_facts, progress_bar
+        from servoscope.commands.info import print_data_set
+        from servoscope.commands.output import progress_bar
         from servoscope.data.folder import check_free, writing
 
         with writing(out, replace=force) as place:
@@ -32,7 +32,7 @@ def import_command(name: str, format_: Format) -> Callable[..., None]:
                 data = format_.read(src, options, advance)
             with_dofs(data, dofs).save(place)
             del data  # what is described is read from the folder
-        print_facts(describe_data_set(out), as_json=json)
+        print_data_set(out, as_json=json)
 
     shown = "\n\n".join(f"servoscope import {name} SRC OUT {e}" for e in format_.examples)
     command.__doc__ = (

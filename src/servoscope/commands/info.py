@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,12 @@ if TYPE_CHECKING:
     from servoscope.keyframe import Keyframe
 
 _LONGEST_LINE = 60
+_LONGEST_SOURCE = 200
+_ELSEWHERE = (
+    "rings", "part", "variant", "robot", "n_images", "n_kept", "n_replaced", "image_size",
+    "pivot_mm", "forecast",
+)  # fmt: skip
+"""What of the source of a data set is shown beside it."""
 
 ENDS = ("report.html", "scoreboard.html", "sensitivity.md", "rehearsal.html")
 """The last file that each kind of run writes."""
@@ -52,14 +59,15 @@ def info(
     if path is not None and is_model(path) and not json and not is_run(path):
         _print_model(path)
         return
+    if path is not None and not is_run(path) and not is_model(path):
+        print_data_set(path, as_json=json)
+        return
     if path is None:
         facts = describe_installation()
     elif is_run(path):
         facts = describe_run(path)
-    elif is_model(path):
-        facts = describe_model(path)
     else:
-        facts = describe_data_set(path)
+        facts = describe_model(path)
     print_facts(facts, as_json=json)
 
 
@@ -110,6 +118,51 @@ def describe_data_set(folder: Path) -> dict[str, Any]:
         "warnings": [finding.text for finding in check_data(data, faults)],
         "source": data.source,
     }
+
+
+def print_data_set(folder: Path, *, as_json: bool) -> None:
+    """Print what a data set folder holds; where its images come from in a line or two.
+
+    Raises
+    ------
+    DataSetError
+        If it cannot be read.
+    """
+    from servoscope.commands.output import print_facts
+    from servoscope.wording import one_line
+
+    facts = describe_data_set(folder)
+    if not as_json:
+        facts["source"] = one_line(_in_words(facts["source"]) or "not known", _LONGEST_SOURCE)
+    print_facts(facts, as_json=as_json)
+
+
+def _in_words(source: Mapping[str, Any]) -> str:
+    """What is known of the source of images, without what says nothing or stands elsewhere.
+
+    Examples
+    --------
+    >>> _in_words({"format": "tum", "options": {"max_mm": 150.0, "columns": None}, "n_kept": 9})
+    'tum, options (max mm 150)'
+    """
+    parts = []
+    for name, value in source.items():
+        words = name.replace("_", " ")
+        if name in _ELSEWHERE or value is None or value is False or value in ("", [], {}):
+            continue
+        if isinstance(value, Mapping):
+            inner = _in_words(value)
+            parts += [f"{words} ({inner})"] if inner else []
+        elif isinstance(value, list):
+            is_long = len(value) > 3 or any(isinstance(item, Mapping | list) for item in value)
+            shown = len(value) if is_long else " ".join(map(str, value))
+            parts.append(f"{words} {shown}")
+        elif name in ("kind", "format"):
+            parts.append(str(value))
+        else:
+            shown = f"{value:.4g}" if isinstance(value, float) else value
+            parts.append(words if value is True else f"{words} {shown}")
+    return ", ".join(parts)
 
 
 def describe_run(folder: Path) -> dict[str, Any]:

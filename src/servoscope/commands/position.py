@@ -21,6 +21,9 @@ Log = Annotated[Path | None, arg(metavar="FOLDER", help="New folder to log the r
 Replay = Annotated[
     Path | None, arg(metavar="FOLDER", help="Show the images of a log to the model instead.")
 ]
+DryRun = Annotated[
+    bool, arg(aliases=["--preview"], help="Look once and say the move, without making it.")
+]
 _DONE = ("converged", "dry_run")
 
 
@@ -28,7 +31,7 @@ def position(
     model: Model,
     cell: InCell = CellOptions(),  # noqa: B008
     loop: Loop = LoopOptions(),  # noqa: B008
-    dry_run: bool = False,
+    dry_run: DryRun = False,
     yes: bool = False,
     log: Log = None,
     replay: Replay = None,
@@ -49,7 +52,6 @@ def position(
     Example: servoscope position model --robot ur:192.0.2.7 --camera opencv:0 --max-step-mm 20
 
     Args:
-        dry_run: Look once and say the move, without making it.
         yes: Let a robot of your own move without a question.
     """
     from servoscope.commands.output import print_json

@@ -142,8 +142,8 @@ def _neighbours(rows: Array, n_neighbours: int) -> csr_array:
         found = np.argpartition(order, n_neighbours - 1, axis=1)[:, :n_neighbours]
         nearest[block] = found
         distances[block] = np.linalg.norm(rows[found] - rows[block, None], axis=2)
-    ends = np.arange(0, nearest.size + 1, n_neighbours)
-    return csr_array((distances.ravel(), nearest.ravel().astype(np.intp), ends), shape=(n, n))
+    ends = np.arange(0, nearest.size + 1, n_neighbours, dtype=np.int32)  # csgraph takes no others
+    return csr_array((distances.ravel(), nearest.ravel().astype(np.int32), ends), shape=(n, n))
 
 
 def _tight(groups: Groups, values: Array) -> Groups:

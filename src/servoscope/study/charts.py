@@ -440,8 +440,9 @@ def plot_criteria(
     ax = new_axes() if ax is None else ax
     places = range(len(sizes))
     for name, of_sizes in errors.items():
-        style: dict[str, Any] = {"markersize": 3.2, "linewidth": 1, **CRITERION_STYLES[name]}
-        ax.plot(places, of_sizes, label=CRITERIA[name], **style)
+        own = CRITERION_STYLES.get(name, {})  # older runs have criteria that are gone
+        style: dict[str, Any] = {"markersize": 3.2, "linewidth": 1, **own}
+        ax.plot(places, of_sizes, label=CRITERIA.get(name, name), **style)
     ax.axhline(all_candidates, color=INK, linewidth=0.5, label="all candidates")
     ax.set_ylim(0, None)
     dress(ax, title=title, xlabel="number of features", ylabel="RMS [of range]")

@@ -162,7 +162,7 @@ def describe_criteria(compared: dict[str, Any]) -> str:
     best = min(means, key=means.__getitem__)
     published = (
         ""
-        if best == "ideal_point"
+        if best == "ideal_point" or "ideal_point" not in means
         else f", against {means['ideal_point']:.3f} by the published ideal-point rule"
     )
     everything = np.mean(list(compared["all_candidates"].values()))
