@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext, redirect_stderr
 from errno import ENOSPC
-from typing import Any, NoReturn
+from typing import Any
 
 from servoscope import __version__
 from servoscope.commands.catalogue import named, parse
@@ -28,10 +28,6 @@ _ENDS = (signal.SIGINT, signal.SIGTERM)
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 
 
-class _Terminated(KeyboardInterrupt):
-    """SIGTERM, which ends a command as tidily as Ctrl-C does."""
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command.
 
@@ -44,13 +40,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 done, 1 failed with one line on standard error, 130 interrupted, 143 terminated. Wrong
-        usage exits with 2.
+        0 done, 1 failed with one line on standard error, 130 interrupted by Ctrl-C
+        or SIGTERM. Wrong usage exits with 2.
     """
     is_whole_process = arguments is None
     if is_whole_process:
         prepare_streams()
-        signal.signal(signal.SIGTERM, _terminate)
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # as tidy as Ctrl-C
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in arguments
     arguments = [argument for argument in arguments if argument != "--debug"]
@@ -63,8 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         _run(arguments or ["--help"], cluster)
         sys.stdout.flush()
-    except KeyboardInterrupt as interruption:
-        return _end(interruption, is_whole_process)
+    except KeyboardInterrupt:
+        return _end(is_whole_process)
     except BrokenPipeError:
         discard_unwritten()
         return 1
@@ -77,19 +73,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _terminate(*_: Any) -> NoReturn:
-    raise _Terminated
-
-
-def _end(interruption: KeyboardInterrupt, is_whole_process: bool) -> int:
+def _end(is_whole_process: bool) -> int:
     """Stop what still runs, say so, and return the code of the end; nothing disturbs that."""
     from servoscope.processes import stop_processes
 
     before = {number: signal.signal(number, signal.SIG_IGN) for number in _ENDS}
     stop_processes()
-    is_terminated = isinstance(interruption, _Terminated)
-    said = "terminated" if is_terminated else "interrupted"
-    code = _fail(f"{said}; what is finished is kept", 143 if is_terminated else 130)
+    code = _fail("interrupted; what is finished is kept", 130)
     if not is_whole_process:
         for number, handler in before.items():
             signal.signal(number, handler)
