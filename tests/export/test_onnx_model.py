@@ -137,15 +137,6 @@ def test_a_file_is_replaced_only_by_force(model, exported):
     assert exported.path.read_bytes() == before
 
 
-def test_a_model_of_features_is_refused_in_a_line(tmp_path, plane):
-    from servoscope.positioning.feature_model import FeatureModel
-
-    features = object.__new__(FeatureModel)
-    with pytest.raises(ModelError, match=r"^Only keyframe models.*features.*servoscope serve\.$"):
-        export_onnx(features, tmp_path / "model.onnx")
-    assert not any(tmp_path.iterdir())
-
-
 def test_images_of_another_size_are_refused(model, estimator):
     with pytest.raises(InvalidInputError, match="128 x 96"):
         Agreement.between(model, estimator, np.zeros((1, 8, 8), np.uint8), 0)

@@ -34,7 +34,7 @@ def export(
 ) -> None:
     """Write a model, a trajectory or tables in a form that other programs read.
 
-    A keyframe model becomes an ONNX file (.onnx): image in, displacement and deviation out, with a
+    A model becomes an ONNX file (.onnx): image in, displacement and deviation out, with a
     card beside it. The poses of a data set, or those at which a robot looked in a run of position
     (--log), become a trajectory (.txt). The tables of a run become CSV (.csv; further tables in
     files with a number), LaTeX (.tex) or Markdown (.md).

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +23,7 @@ from servoscope.poses import (
 )
 from servoscope.positioning.interfaces import Image
 from servoscope.positioning.keyframe_model import KeyframeModel
+from servoscope.positioning.model import PositioningModel
 from servoscope.positioning.settings import NEAR_ENOUGH
 
 Array = NDArray[np.float64]
@@ -33,6 +35,7 @@ LEAST_TOLERANCE = np.repeat([1e-3 * NEAR_ENOUGH["mm"], np.radians(NEAR_ENOUGH["d
 """What is always near enough, by dof, [m] and [rad]."""
 
 _DRAWN = 0.8
+_WARP = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +79,7 @@ class Agreement:
     @classmethod
     def between(
         cls,
-        model: KeyframeModel,
+        model: PositioningModel,
         exported: OnnxEstimator,
         images: NDArray[np.uint8] | None = None,
         n_rendered: int = 20,
@@ -85,7 +88,7 @@ class Agreement:
 
         Parameters
         ----------
-        model : KeyframeModel
+        model : KeyframeModel or FeatureModel
         exported : OnnxEstimator
         images : ndarray of shape (n, height, width), uint8, optional
         n_rendered : int
@@ -115,7 +118,8 @@ class Agreement:
             differences.append(difference)
             shares.append((difference / tolerance).max())
             deviations.append(np.abs(ratio - 1).max())
-            similarities.append(abs(theirs.similarity - ours.similarity))
+            if np.isfinite(ours.similarity):
+                similarities.append(abs(theirs.similarity - ours.similarity))
         if not shares:
             raise InvalidInputError(
                 "None of the images shows the part of the model; compare on some that do."
@@ -125,7 +129,7 @@ class Agreement:
             np.max(differences, axis=0),
             np.array(shares),
             float(np.max(deviations)),
-            float(np.max(similarities)),
+            float(np.max(similarities, initial=0.0)),
             len(shares),
             tuple((1e3 * np.median(times, axis=0)).tolist()),
         )
@@ -160,12 +164,26 @@ class Agreement:
         }
 
 
-def _shown(model: KeyframeModel, n: int) -> Iterator[Image]:
-    """The reference image, and rendered ones of displacements all over the reach, with noise."""
+def _shown(model: PositioningModel, n: int) -> Iterator[Image]:
+    """The reference image, and what is seen from displacements all over the reach, with noise."""
     rng = np.random.default_rng(0)
     yield model.reference_image
+    if not isinstance(model, KeyframeModel):
+        yield from _warped(model.reference_image, n, rng)
+        return
     drawn = _DRAWN * model.reach * rng.uniform(-1, 1, (n, 6))
     for D in poses_from_displacements(np.eye(4), drawn, model.pivot):
         image = continued(*model.keyframe.render(D)).astype(float)
         noisy = image + rng.normal(scale=model.keyframe.noise, size=image.shape)
+        yield noisy.round().clip(0, 255).astype(np.uint8)
+
+
+def _warped(image: Image, n: int, rng: np.random.Generator) -> Iterator[Image]:
+    """An image shifted, turned and enlarged by a few hundredths, with noise."""
+    height, width = image.shape
+    for right, down, turn, size in _WARP * rng.uniform(-1, 1, (n, 4)):
+        M = cv2.getRotationMatrix2D((width / 2, height / 2), np.degrees(turn), 1 + size)
+        M[:, 2] += right * width, down * height
+        moved = cv2.warpAffine(image, M, (width, height), borderMode=cv2.BORDER_REFLECT)
+        noisy = moved + rng.normal(size=image.shape)
         yield noisy.round().clip(0, 255).astype(np.uint8)

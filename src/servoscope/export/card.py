@@ -10,6 +10,7 @@ from servoscope.export.agreement import EQUAL, Agreement
 from servoscope.export.graph import OPSET
 from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
 from servoscope.positioning.keyframe_model import KeyframeModel
+from servoscope.positioning.model import PositioningModel
 from servoscope.positioning.settings import NEAR_ENOUGH, LoopSettings
 from servoscope.report.table import Table
 from servoscope.wording import plain_number
@@ -23,7 +24,7 @@ _MEANING = {
     "deviation": "standard deviation that is believed of each number of `delta_p`; NaN in dofs "
     "that are not commanded",
     "similarity": "median correlation of the image with what is expected at the displacement",
-    "novelty": "the greatest displacement as a share of the largest that are read",
+    "novelty": "how unlike the images of the part it is; 1 is the most that is recognised",
     "is_recognised": "whether the similarity and the displacement are those of this part; if "
     "not, all other outputs mean nothing",
 }
@@ -31,7 +32,7 @@ _TYPES = {"is_recognised": "bool"}
 
 
 def model_card(
-    model: KeyframeModel,
+    model: PositioningModel,
     name: str,
     outputs: Mapping[str, tuple[int, ...]],
     fingerprint: str,
@@ -62,10 +63,7 @@ def model_card(
         "## Use",
         "\n".join(
             [
-                "- Stop if `is_recognised` is false: the image then shows something else, is "
-                "covered, or was taken too far away (similarity below "
-                f"{model.least_similarity:.4g}, or beyond twice the range of translations or 1.5 "
-                "times that of rotations).",
+                f"- Stop if `is_recognised` is false: {_strangers(model)}.",
                 "- Otherwise the camera is brought back by moving the robot by `correction` in its "
                 "own axes: `T_new = T_now @ correction`.",
                 f"- {_workspace(model)}",
@@ -89,7 +87,21 @@ def model_card(
     return "\n\n".join(parts) + "\n"
 
 
-def _workspace(model: KeyframeModel) -> str:
+def _strangers(model: PositioningModel) -> str:
+    """What an image shows that is not recognised."""
+    if isinstance(model, KeyframeModel):
+        return (
+            "the image then shows something else, is covered, or was taken too far away "
+            f"(similarity below {model.least_similarity:.4g}, or beyond twice the range of "
+            "translations or 1.5 times that of rotations)"
+        )
+    return (
+        "the image then has other features than the part has at the displacement that is read "
+        "(`novelty` above 1; `similarity` is not known and NaN)"
+    )
+
+
+def _workspace(model: PositioningModel) -> str:
     workspace = LoopSettings().robot_box(model)
     if not workspace.is_limited:
         return (
@@ -102,7 +114,7 @@ def _workspace(model: KeyframeModel) -> str:
     )
 
 
-def _accuracy(model: KeyframeModel) -> str:
+def _accuracy(model: PositioningModel) -> str:
     median, ninety = (model.accuracy.get(name, {}) for name in ("median", "quantile_90"))
     commanded = mask_of(model.dofs)
     rows = []

@@ -1,4 +1,4 @@
-"""Keyframe models as ONNX files: image in, displacement and deviation out."""
+"""Models as ONNX files: image in, displacement and deviation out."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from servoscope import __version__
 from servoscope.errors import FolderExistsError, InvalidInputError, ModelError
 from servoscope.export.agreement import LEAST_TOLERANCE, Agreement
 from servoscope.export.card import model_card
+from servoscope.export.feature_model import estimate_of_features
 from servoscope.export.graph import Graph
 from servoscope.export.keyframe import KeyframeGraph
 from servoscope.export.onnx_estimator import (
@@ -23,6 +24,7 @@ from servoscope.export.onnx_estimator import (
     image_fact,
     workspace_fact,
 )
+from servoscope.positioning.feature_model import FeatureModel
 from servoscope.positioning.keyframe_model import KeyframeModel
 from servoscope.positioning.model import PositioningModel
 from servoscope.positioning.settings import LoopSettings
@@ -64,21 +66,19 @@ class Exported:
     agreement: Agreement | None
 
 
-LEAST_EQUAL = 0.9
-"""The least share of the images on which both must be equal."""
-
-
-def to_onnx(model: KeyframeModel) -> bytes:
+def to_onnx(model: PositioningModel) -> bytes:
     """The content of an ONNX file that estimates as a model does without an image before.
 
     Parameters
     ----------
-    model : KeyframeModel
+    model : KeyframeModel or FeatureModel
 
     Raises
     ------
     InvalidInputError
         If onnx is not installed.
+    ModelError
+        If the model has no ONNX form: one line says what of it has none.
     """
     try:
         import onnx  # noqa: F401
@@ -88,15 +88,22 @@ def to_onnx(model: KeyframeModel) -> bytes:
         ) from error
     graph = Graph()
     image = graph.input("image", np.uint8)
-    found = KeyframeGraph(graph, model, image).estimate()
+    if isinstance(model, KeyframeModel):
+        found, reads = KeyframeGraph(graph, model, image).estimate(), model.keyframe.dofs
+    elif isinstance(model, FeatureModel):
+        found, reads = estimate_of_features(graph, model, image), model.dofs
+    else:
+        raise ModelError(
+            f"Models of {model.kind} have no ONNX form; train a keyframe, or use servoscope serve."
+        )
     outputs = [(name, found[name], shape) for name, shape in OUTPUTS.items()]
     facts = {
         "servoscope": __version__,
-        "reads": json.dumps(list(model.keyframe.dofs)),
+        "reads": json.dumps(list(reads)),
         "dofs": json.dumps(list(model.dofs)),
         "pivot": json.dumps(model.pivot),
         "reach": json.dumps(model.reach.tolist()),
-        "least_similarity": json.dumps(model.least_similarity),
+        "least_similarity": json.dumps(getattr(model, "least_similarity", 0.0)),
         "tolerance": json.dumps(LEAST_TOLERANCE.tolist()),
         "workspace": workspace_fact(LoopSettings().robot_box(model)),
         "units": json.dumps("m, rad"),
@@ -118,14 +125,13 @@ def export_onnx(
 
     Parameters
     ----------
-    model : PositioningModel
-        A keyframe.
+    model : KeyframeModel or FeatureModel
     path : path
         Of the file; the card is beside it, named as it with ``.md`` added.
     images : ndarray of shape (n, height, width), uint8, optional
         Real ones, on which both are compared as well.
     n_check : int
-        How many images are rendered to compare both on, besides the reference; 0 compares on
+        On how many images made of the reference both are compared, besides it; 0 compares on
         `images` alone, and not at all if there are none.
     force : bool
         Replace a file that is there.
@@ -133,7 +139,7 @@ def export_onnx(
     Raises
     ------
     ModelError
-        If the model is no keyframe, or the graph does not estimate as it does.
+        If the model has no ONNX form, or the graph does not estimate as it does.
     FolderExistsError
         If the file is there and `force` is not set.
     InvalidInputError
@@ -144,16 +150,11 @@ def export_onnx(
         raise InvalidInputError(f"n_check must be 0 or more, got {n_check}.")
     if path.exists() and not force:
         raise FolderExistsError(f"{path} is there already; name another file, or use --force.")
-    if not isinstance(model, KeyframeModel):
-        raise ModelError(
-            f"Only keyframe models can be exported, and this one is of {model.kind}: its pipeline "
-            "has no ONNX form; train one with --method keyframe, or use servoscope serve."
-        )
     content, agreement = to_onnx(model), None
     if n_check or images is not None:
         estimator = OnnxEstimator(content)
         agreement = Agreement.between(model, estimator, images, n_check)
-        if agreement.worst_share > DIFFERENT or agreement.equal < LEAST_EQUAL:
+        if agreement.worst_share > DIFFERENT:
             raise ModelError(
                 f"The graph differs from the model by up to {agreement.worst_share:.3g} of the "
                 f"tolerance, on {agreement.n_images} images; nothing is written. Please report it, "

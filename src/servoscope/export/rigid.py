@@ -119,6 +119,12 @@ class Turns:
         return about_z @ about_y @ about_x
 
 
+def about_pivot(six: Value) -> Value:
+    """The displacement about the pivot, (4, 4), of its six numbers."""
+    angles = six[3:]
+    return rigid(Turns(sine(angles), cosine(angles)).rotation(), six[:3])
+
+
 class Motions:
     """What `servoscope.keyframe.motion.Freedom` does, in a graph.
 
@@ -158,9 +164,7 @@ class Motions:
 
     def of_six(self, six: Value) -> tuple[Value, Value]:
         """The displacement of the reported frame, and the motion of the camera, of six numbers."""
-        angles = six[3:]
-        turns = Turns(sine(angles), cosine(angles))
-        D = rigid(turns.rotation(), six[:3])
+        D = about_pivot(six)
         displacement = inverse_transform(self._to_pivot) @ D @ self._to_pivot
         return displacement, self._from @ inverse(D) @ self._about
 

@@ -23,10 +23,15 @@ def shrink(image: NDArray[Any], size: int) -> Floats:
     >>> shrink(np.full((20, 40), 7, np.uint8), 10).shape
     (5, 10)
     """
-    scale = min(1.0, size / max(image.shape))
-    height, width = (max(1, round(scale * side)) for side in image.shape)
-    whole = image.astype(np.float32)
-    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
+    shape, whole = shrunk_shape(image.shape, size), image.astype(np.float32)
+    return np.asarray(cv2.resize(whole, shape[::-1], interpolation=cv2.INTER_AREA))
+
+
+def shrunk_shape(shape: tuple[int, ...], size: int) -> tuple[int, int]:
+    """Height and width of what `shrink` makes of an image of a shape."""
+    scale = min(1.0, size / max(shape))
+    height, width = (max(1, round(scale * side)) for side in shape)
+    return height, width
 
 
 _WIDTH = 0.6
@@ -42,7 +47,7 @@ def pool_in_cells(layers: Floats, n_cells: int) -> Floats:
     >>> pool_in_cells(np.ones((5, 12, 2), np.float32), n_cells=4).shape
     (5, 4, 2)
     """
-    rows, columns = _weights(layers.shape[-2], n_cells), _weights(layers.shape[-1], n_cells)
+    rows, columns = (cell_weights(side, n_cells) for side in layers.shape[-2:])
     return np.asarray(rows @ layers @ columns.T, dtype=np.float32)
 
 
@@ -59,8 +64,8 @@ def cell_names(layers: list[str], n_rows: int, n_columns: int) -> list[str]:
 
 
 @cache
-def _weights(size: int, n_cells: int) -> Floats:
-    """Weights of the pixels along a side for each of the cells along it."""
+def cell_weights(size: int, n_cells: int) -> Floats:
+    """Weights of the pixels along a side for each of the cells along it, (n_cells, size)."""
     n_cells = min(n_cells, size)
     centres = (np.arange(n_cells) + 0.5) * size / n_cells
     away = (np.arange(size) + 0.5 - centres[:, None]) / (_WIDTH * size / n_cells)
@@ -70,7 +75,7 @@ def _weights(size: int, n_cells: int) -> Floats:
 
 N_DIRECTIONS = 8
 
-_BLUR = 0.8
+BLUR = 0.8
 
 
 def orientation_cells(image: NDArray[Any], size: int, n_cells: int) -> Floats:
@@ -103,7 +108,7 @@ def _normalised_slopes(image: NDArray[Any], size: int) -> Floats:
     Neither gain nor offset change them, and something that covers the view or shines changes only
     those beside it, but for the mean. They are 0 throughout an image without anything in it.
     """
-    small = cv2.GaussianBlur(shrink(image, size), (0, 0), _BLUR)
+    small = cv2.GaussianBlur(shrink(image, size), (0, 0), BLUR)
     slopes = np.empty((2, *small.shape), np.float32)
     slopes[0], slopes[1] = cv2.Sobel(small, -1, 1, 0), cv2.Sobel(small, -1, 0, 1)
     magnitude = np.hypot(slopes[0], slopes[1])
@@ -212,7 +217,7 @@ class GradientMoments(CellMoments):
 LEVELS = np.linspace(0.1, 1.1, 6, dtype=np.float32)
 """Grey levels that the slices lie about, in units of what is white in the image."""
 
-_WHITE_QUANTILE = 0.8
+WHITE_QUANTILE = 0.8
 
 
 class IntensityMoments(CellMoments):
@@ -257,8 +262,8 @@ def intensity_cells(image: NDArray[Any], size: int, n_cells: int, gain: float = 
     >>> intensity_cells(np.full((8, 8), 70, np.uint8), size=8, n_cells=1)[:, 0, 0].round(2)
     array([0.  , 0.  , 0.  , 0.  , 0.71, 0.71], dtype=float32)
     """
-    small = cv2.GaussianBlur(shrink(image, size), (0, 0), _BLUR)
-    white = float(np.quantile(small, _WHITE_QUANTILE))
+    small = cv2.GaussianBlur(shrink(image, size), (0, 0), BLUR)
+    white = float(np.quantile(small, WHITE_QUANTILE))
     scaled = small * (gain / white) if white > 0 else np.zeros_like(small)
     step = LEVELS[1] - LEVELS[0]
     away = np.abs(np.clip(scaled, LEVELS[0], LEVELS[-1]) - LEVELS[:, None, None])

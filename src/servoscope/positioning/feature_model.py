@@ -34,8 +34,11 @@ from servoscope.regression.registry import make_regressor
 
 _N_FOREIGN = 40
 _RIDGE = 1e-3
-_FARTHEST = 2.0
-_NEAR = 0.2
+FARTHEST = 2.0
+"""Shares of the reach beyond which displacements count as this far in what is expected of them."""
+
+NEAR = 0.2
+"""Shares of the reach within which what is predicted at the reference is subtracted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +110,7 @@ class ExpectedFeatures:
 def _terms(shares: Array) -> Array:
     """1, the displacements, and their products by twos, (n, n_terms)."""
     i, j = np.triu_indices(shares.shape[1])
-    bounded = shares.clip(-_FARTHEST, _FARTHEST)
+    bounded = shares.clip(-FARTHEST, FARTHEST)
     return np.hstack([np.ones((len(shares), 1)), bounded, bounded[:, i] * bounded[:, j]])
 
 
@@ -305,10 +308,10 @@ class FeatureModel(PositioningModel):
         X = self.pipeline.compute_features(image[None])
         (mean,), (std,) = self.pipeline.predict_from(X)
         is_read = mask_of(self.dofs)
-        away = np.abs(mean - self._at_reference) / self.reach[is_read]
-        nearness = np.exp(-0.5 * (away.max() / _NEAR) ** 2)
+        away = np.abs(mean - self.at_reference) / self.reach[is_read]
+        nearness = np.exp(-0.5 * (away.max() / NEAR) ** 2)
         delta_p, deviation = np.zeros(6), np.full(6, np.nan)
-        delta_p[is_read] = mean - nearness * self._at_reference
+        delta_p[is_read] = mean - nearness * self.at_reference
         deviation[is_read] = self.std_factor * std
         return Estimate(
             displacement=poses_from_displacements(np.eye(4), delta_p, self.pivot),
@@ -322,7 +325,7 @@ class FeatureModel(PositioningModel):
         return float(self.expected.differences(shares, X)[0])
 
     @cached_property
-    def _at_reference(self) -> Array:
+    def at_reference(self) -> Array:
         """What the pipeline predicts at the reference, (n_dofs,)."""
         return np.asarray(self.pipeline.predict(self.view[None])[0])
 
