@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from servoscope.errors import InvalidInputError
-from servoscope.selection.estimators import information_of_codes
-from servoscope.selection.histograms import bin_codes, conditional_information
+from servoscope.selection.estimators import information_of_codes, mutual_information
+from servoscope.selection.histograms import JointCounts, bin_codes, conditional_information
 
 finite = st.floats(-1e9, 1e9, allow_subnormal=True)
 
@@ -123,3 +123,32 @@ def test_bias_is_that_of_unrelated_variables(rng):
     information, bias = conditional_information(codes, y, z, 4)
     assert bias[0] == pytest.approx(3 * 3 * 4 / (4000 * np.log(2)))
     assert information.mean() == pytest.approx(bias.mean(), rel=0.05)
+
+
+@given(seed=st.integers(0, 99), n_bins=st.integers(2, 20), cuts=st.lists(st.integers(0, 200)))
+@settings(max_examples=30, deadline=None)
+def test_counts_of_blocks_give_the_information_of_all_samples(seed, n_bins, cuts) -> None:
+    rng = np.random.default_rng(seed)
+    X, y = rng.normal(size=(200, 3)), rng.integers(0, 4, (200, 2)).astype(float)
+    y[:, 1] = 7.0
+    ranges = [(table.min(axis=0), table.max(axis=0)) for table in (X, y)]
+    counts = JointCounts(*ranges, n_bins)
+    for part in rng.permutation(len(cuts) + 1):
+        rows = np.split(np.arange(200), sorted(cuts))[part]
+        own = JointCounts(*ranges, n_bins)
+        counts.merge(own.update(X[rows], y[rows]) if len(rows) else own)
+    np.testing.assert_array_equal(counts.finalize(), mutual_information(X, y, n_bins))
+
+
+def test_counts_of_values_beyond_the_ranges_are_refused() -> None:
+    counts = JointCounts(([0.0], [1.0]), ([0.0], [1.0]))
+    with pytest.raises(InvalidInputError, match="none was counted"):
+        counts.finalize()
+    for X, y, what in (
+        ([[2.0]], [[0.0]], "X must be 1 columns within"),
+        ([[0.0]], [[np.nan]], "y"),
+    ):
+        with pytest.raises(InvalidInputError, match=what):
+            counts.update(X, y)
+    with pytest.raises(InvalidInputError, match="as many rows"):
+        counts.update([[0.0], [1.0]], [[0.0]])

@@ -6,6 +6,7 @@ from .eigenfeatures import compute_image_basis as compute_image_basis
 from .fixed_projection import ImageProjections as ImageProjections
 from .fixed_projection import LogPolarFeatures as LogPolarFeatures
 from .fixed_projection import TchebichefMoments as TchebichefMoments
+from .image_sums import ImageSums as ImageSums
 from .lfa import LocalFeatureAnalysis as LocalFeatureAnalysis
 from .lfa import LocalFeatureCovariance as LocalFeatureCovariance
 from .moments import GeometricMoments as GeometricMoments

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
 
 from servoscope.errors import InvalidInputError
+from servoscope.features.image_sums import leading_eigenvectors
 from servoscope.features.image_transformer import (
     ImageShape,
     LearnedProjection,
@@ -25,6 +26,7 @@ from servoscope.features.normalised_images import (
     sum_images,
 )
 from servoscope.processes import one_blas_thread
+from servoscope.storage.stacks import Stack
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +92,7 @@ def compute_image_basis(
     Parameters
     ----------
     images : array of shape (n_images, height, width) or (n_images, height * width)
+        Or a `servoscope.storage.stacks.Stack` of them, see `leading_eigenvectors`.
     n_components : int
     image_shape : (height, width), optional
         What flat images are; 1 x n_pixels by default.
@@ -119,13 +122,17 @@ def compute_image_basis(
     """
     check_whole_number("n_components", n_components, 1)
     flat, image_shape = flatten_images(images, image_shape)
-    flat = np.asarray(flat)
-    check_finite(flat)
+    if not isinstance(flat, Stack):
+        flat = np.asarray(flat)
+        check_finite(flat)
     if n_components >= len(flat):
         raise InvalidInputError(
             f"{n_components} eigenvectors need at least {n_components + 1} images, got "
             f"{len(flat)} (n_samples = {len(flat)}); lower n_components or take more images."
         )
+    if isinstance(flat, Stack):
+        mean, eigenvalues, found = leading_eigenvectors(flat, n_components)
+        return ImageBasis(image_shape, eigenvalues, mean, extremes_made_positive(found))
     mean, gram = mean_and_gram(flat)
     eigenvalues, vectors = _leading_eigenpairs(flat, gram, n_components)
     components = sum_images(flat, mean, vectors / np.sqrt(eigenvalues))

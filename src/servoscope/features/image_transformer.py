@@ -20,6 +20,7 @@ from servoscope.arrays import check_scale, check_unmasked
 from servoscope.errors import InvalidInputError, ServoscopeWarning
 from servoscope.features.normalised_images import project_images
 from servoscope.poses import DOFS
+from servoscope.storage.stacks import Stack, blocks_of
 
 ImageShape = tuple[int, int]
 
@@ -36,6 +37,9 @@ def flatten_images(X: Any, image_shape: ImageShape | None) -> tuple[Any, ImageSh
     >>> flat.shape, image_shape
     ((5, 12), (3, 4))
     """
+    if isinstance(X, Stack):
+        height, width = (1, *X.shape[1:])[-2:]
+        return X.flat(), image_shape or (height, width)
     check_unmasked(X, "X")
     X = _with_shape(X)
     shape = tuple(X.shape)
@@ -146,6 +150,7 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
         Parameters
         ----------
         X : array of shape (n_images, height, width) or (n_images, height * width)
+            Or a `servoscope.storage.stacks.Stack` of images, which is read block by block.
         y : array of shape (n_images, n_targets) or (n_images,), optional
             Displacement of each image from the reference, [m] and [rad], in `DOFS` order if there
             are six. Families that are not learned from poses ignore it.
@@ -164,6 +169,8 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
 
     def transform(self, X: Any) -> NDArray[np.float64]:
         """Features of images, (n_images, n_features), in the order of `get_feature_names_out`."""
+        if isinstance(X, Stack):
+            return np.concatenate([self.transform(block) for block in blocks_of(X)])
         return self._features(self._images_to_transform(X))
 
     def get_feature_names_out(self, input_features: Any = None) -> NDArray[np.object_]:
@@ -172,7 +179,11 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
         return np.array(self._feature_names(), dtype=object)
 
     def _images_to_fit(self, X: Any) -> NDArray[Any]:
-        """Flat images after taking note of their shape."""
+        """Flat images after taking note of their shape; a stack is not read for that."""
+        if isinstance(X, Stack):
+            self._images_to_fit(X[: self._min_images])
+            self.brightest_ = max(float(block.max()) for block in blocks_of(X))
+            return X.flat()  # type: ignore[return-value]
         flat, image_shape = flatten_images(X, self.image_shape)
         flat = self._validated(flat, reset=True)
         self.image_shape_ = image_shape
@@ -181,6 +192,16 @@ class ImageTransformer(TransformerMixin, BaseEstimator, metaclass=ABCMeta):
     def _images_and_targets_to_fit(self, X: Any, y: Any) -> tuple[NDArray[Any], NDArray[Any]]:
         """Flat images, and targets of shape (n_images, n_targets)."""
         check_unmasked(y, "y")
+        if isinstance(X, Stack):
+            if len(np.shape(y)) not in (1, 2) or len(y) != len(X):
+                raise InvalidInputError(
+                    f"y must be one row for each of {len(X)} images, got the shape {np.shape(y)}."
+                )
+            targets = np.asarray(y, dtype=np.float64).reshape(len(X), -1)
+            few = slice(self._min_images)
+            self._images_and_targets_to_fit(X[few], targets[few])
+            check_scale(targets, "y")
+            return self._images_to_fit(X), targets
         flat, image_shape = flatten_images(X, self.image_shape)
         flat, y = self._validated(flat, y, reset=True, multi_output=True, y_numeric=True)
         self.image_shape_ = image_shape

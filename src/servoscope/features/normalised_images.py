@@ -13,6 +13,7 @@ from scipy.linalg import eigh
 
 from servoscope.errors import InvalidInputError
 from servoscope.processes import one_blas_thread
+from servoscope.storage.stacks import Stack, blocks_of
 
 BLOCK_ELEMENTS = 2**21
 """Pixels of all images together that are worked on at a time."""
@@ -107,6 +108,8 @@ def project_images(
     >>> project_images(np.array([[3.0, 4.0]]), np.array([0.5, 0.5]), np.eye(2))
     array([[0.1, 0.3]])
     """
+    if isinstance(flat, Stack):
+        return np.concatenate([project_images(b, mean, components) for b in blocks_of(flat)])
 
     def project(block: NDArray[Any], pixels: slice) -> NDArray[Any]:
         return block @ components[:, pixels].T.astype(block.dtype, copy=False)

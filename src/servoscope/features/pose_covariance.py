@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from servoscope.errors import InvalidInputError
+from servoscope.features.image_sums import sum_over
 from servoscope.features.image_transformer import (
     ImageShape,
     LearnedProjection,
@@ -25,6 +26,7 @@ from servoscope.features.normalised_images import (
     working_dtype,
 )
 from servoscope.processes import one_blas_thread
+from servoscope.storage.stacks import Stack
 
 
 class PoseImageCovariance(LearnedProjection):
@@ -65,6 +67,10 @@ class PoseImageCovariance(LearnedProjection):
         self.image_shape = image_shape
 
     def _learn(self, flat: NDArray[Any], targets: Array) -> None:
+        if isinstance(flat, Stack):
+            found = sum_over(flat, targets)
+            self.mean_, self.components_ = found.mean, found.target_products
+            return
         self.mean_ = np.empty(flat.shape[1])
         self.components_ = np.empty((targets.shape[1], flat.shape[1]), working_dtype(flat))
         P = targets.astype(self.components_.dtype)
@@ -146,9 +152,12 @@ class PoseLeastSquares(LearnedProjection):
 
     def _learn(self, flat: NDArray[Any], targets: Array) -> None:
         targets = _unit_columns(centred_targets(_unit_columns(targets), self.products))
-        self.mean_, gram = mean_and_gram(flat)
-        weights = _direction_weights(flat, gram, targets, self.n_components)
-        components = sum_images(flat, self.mean_, weights)
+        if isinstance(flat, Stack):
+            self.mean_, components = _streamed_directions(flat, targets, self.n_components)
+        else:
+            self.mean_, gram = mean_and_gram(flat)
+            weights = _direction_weights(flat, gram, targets, self.n_components)
+            components = sum_images(flat, self.mean_, weights)
         components /= np.linalg.norm(components, axis=1, keepdims=True)
         self.components_ = extremes_made_positive(components)
 
@@ -170,10 +179,7 @@ def find_pls_directions(X: Array, Y: Array, n_components: int) -> Array:
         score = X @ direction
         length = np.linalg.norm(score)
         if np.linalg.norm(covariance) <= least or length == 0:
-            raise InvalidInputError(
-                f"{n_components} directions that covary with the displacements were wanted, but "
-                f"there are only {i}; lower n_components or take more images."
-            )
+            raise _too_few_directions(n_components, i)
         directions[:, i] = direction / length
         loading = X.T @ (score / length)
         for _ in range(2):  # once more for what rounding left
@@ -181,6 +187,38 @@ def find_pls_directions(X: Array, Y: Array, n_components: int) -> Array:
         loadings[:, i] = loading / np.linalg.norm(loading)
         covariance -= np.outer(loadings[:, i], loadings[:, i] @ covariance)
     return directions
+
+
+def _streamed_directions(flat: Stack, targets: Array, n_components: int) -> tuple[Array, Array]:
+    """Mean of the images of a stack, and the directions of `find_pls_directions` in them.
+
+    Each direction takes one pass over the images.
+    """
+    found = sum_over(flat, targets)
+    covariance = found.target_products.T
+    least = 1e-9 * np.linalg.norm(covariance)
+    directions, loadings = (np.zeros((flat.shape[1], n_components)) for _ in range(2))
+    with one_blas_thread():
+        for i in range(n_components):
+            direction = covariance @ eigh(covariance.T @ covariance)[1][:, -1]
+            products = sum_over(flat, directions=direction[:, None]).products[:, 0]
+            squared = float(direction @ products)
+            if np.linalg.norm(covariance) <= least or squared <= 0:
+                raise _too_few_directions(n_components, i)
+            directions[:, i] = direction
+            loading = products / squared**0.5
+            for _ in range(2):  # once more for what rounding left
+                loading -= loadings @ (loadings.T @ loading)
+            loadings[:, i] = loading / np.linalg.norm(loading)
+            covariance -= np.outer(loadings[:, i], loadings[:, i] @ covariance)
+    return found.mean, directions.T
+
+
+def _too_few_directions(n_wanted: int, n_found: int) -> InvalidInputError:
+    return InvalidInputError(
+        f"{n_wanted} directions that covary with the displacements were wanted, but there are only "
+        f"{n_found}; lower n_components or take more images."
+    )
 
 
 def centred_targets(delta_p: Array, products: bool) -> Array:

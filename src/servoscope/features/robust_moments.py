@@ -22,6 +22,7 @@ from servoscope.features.cell_moments import (
 )
 from servoscope.features.image_transformer import ImageShape, ImageTransformer, check_whole_number
 from servoscope.processes import one_blas_thread
+from servoscope.storage.stacks import Stack
 
 Array = NDArray[np.float64]
 
@@ -178,6 +179,7 @@ def _solve_positive(left: Array, right: Array) -> Array:
     return solution
 
 
+_MOST_OF_STACK = 2000
 _COARSE_COMPONENTS, _COARSE_SCALES = 40, (60.0, 30.0, 15.0, 8.0, 5.0)
 _FINE_SCALES = (3.0, 2.0, 2.0, 2.0)
 _GAIN_STEP, _GAIN_DIRECTIONS, _GAIN_IMAGES = 0.05, 4, 200
@@ -263,6 +265,9 @@ class RobustMoments(ImageTransformer):
         check_whole_number("n_cells", self.n_cells, 1)
 
     def _learn(self, flat: NDArray[Any], targets: Any) -> None:
+        if isinstance(flat, Stack):
+            even = np.linspace(0, len(flat) - 1, min(len(flat), _MOST_OF_STACK)).round()
+            flat = flat[even.astype(np.intp)]
         images = flat.reshape(-1, *self.image_shape_)
         n_components = self._checked_n_components(len(flat))
         self.gradient_ = GradientMoments(self.n_fine_cells, self.size).fit(images)

@@ -18,6 +18,7 @@ from .forecast import forecast_from_folds as forecast_from_folds
 from .forward import ForwardRanking as ForwardRanking
 from .forward import forward_selection as forward_selection
 from .forward import rank_forward as rank_forward
+from .histograms import JointCounts as JointCounts
 from .histograms import bin_codes as bin_codes
 from .ideal_point import OrderStability as OrderStability
 from .ideal_point import ThresholdSubset as ThresholdSubset

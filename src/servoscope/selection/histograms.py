@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Self
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import rankdata
@@ -190,6 +192,102 @@ def _information(
             if is_symmetric:
                 sums[j, i], excess[j, i] = sums[i, j], excess[i, j]
     return sums, excess
+
+
+@compiled()
+def _count(a: Codes, b: Codes, counts: NDArray[np.int64]) -> None:
+    for i in range(len(a)):
+        for j in range(len(b)):
+            for k in range(a.shape[1]):
+                counts[i, j, a[i, k], b[j, k]] += 1
+
+
+@compiled()
+def _information_of_counts(
+    counts: NDArray[np.int64], table: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    sums = np.empty(counts.shape[:2])
+    for i in range(len(sums)):
+        for j in range(len(sums[0])):
+            sums[i, j] = _of_counts(counts[i, j], table)[0]
+    return sums
+
+
+class JointCounts:
+    """Counts of the bins that features and targets fall in together, block by block.
+
+    Counts of blocks are merged in any order, with the same result.
+
+    Parameters
+    ----------
+    X_range, y_range : tuples (low, high) of ndarray
+        Of every feature and every target over all blocks: their bins are of equal width.
+    n_bins : int
+
+    Examples
+    --------
+    >>> X, y = np.arange(100.0)[:, None], np.arange(100.0)[:, None] ** 2
+    >>> counts = [JointCounts((X[0], X[-1]), (y[0], y[-1]), n_bins=4) for _ in range(2)]
+    >>> first, second = counts[0].update(X[:30], y[:30]), counts[1].update(X[30:], y[30:])
+    >>> first.merge(second).finalize().round(3)
+    array([[1.4]])
+    """
+
+    def __init__(
+        self,
+        X_range: tuple[ArrayLike, ArrayLike],
+        y_range: tuple[ArrayLike, ArrayLike],
+        n_bins: int = 10,
+    ) -> None:
+        check_n_bins(n_bins)
+        self.n_bins = n_bins
+        self._ranges = [
+            tuple(np.asarray(end, dtype=np.float64) for end in ends) for ends in (X_range, y_range)
+        ]
+        for (low, high), name in zip(self._ranges, ("X", "y"), strict=True):
+            check_span(low, high, name)
+        n_features, n_targets = (len(low) for low, _ in self._ranges)
+        self._counts = np.zeros((n_features, n_targets, n_bins, n_bins), np.int64)
+
+    def update(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Count a block: features (n, n_features) and targets (n, n_targets).
+
+        Raises
+        ------
+        InvalidInputError
+            If they are no tables of finite numbers, or beyond the ranges.
+        """
+        codes = []
+        for table, name, (low, high) in zip((X, y), ("X", "y"), self._ranges, strict=True):
+            values = as_table(table, name)
+            if values.shape[1] != len(low) or not ((values >= low) & (values <= high)).all():
+                raise InvalidInputError(
+                    f"{name} must be {len(low)} columns within the ranges that were given, got "
+                    f"{values.shape[1]} from {values.min():g} to {values.max():g}."
+                )
+            codes.append(_codes(values, low, high, self.n_bins))
+        if codes[0].shape[1] != codes[1].shape[1]:
+            raise InvalidInputError(
+                f"X and y must have as many rows, got {codes[0].shape[1]} and {codes[1].shape[1]}."
+            )
+        _count(*codes, self._counts)
+        return self
+
+    def merge(self, other: JointCounts) -> Self:
+        """Add the counts of other samples, with the same ranges and bins."""
+        self._counts += other._counts
+        return self
+
+    def finalize(self) -> NDArray[np.float64]:
+        """Mutual information of every feature with every target, (n_features, n_targets), [bits].
+
+        It is that of `servoscope.mutual_information` of all samples.
+        """
+        n_samples = int(self._counts[0, 0].sum())
+        if not n_samples:
+            raise InvalidInputError("Information needs samples, and none was counted.")
+        sums = _information_of_counts(self._counts, n_log_n_table(n_samples))
+        return np.maximum(sums / n_samples, 0.0)
 
 
 def conditional_information(

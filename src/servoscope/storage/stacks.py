@@ -148,6 +148,12 @@ class Stack:
     def __len__(self) -> int:
         return len(self._items)
 
+    def flat(self) -> Stack:
+        """The same with each item in one row."""
+        flat = copy(self)
+        flat._item = (math.prod(self._item),)
+        return flat
+
     def take(self, items: NDArray[np.integer]) -> Stack:
         """Some of the items, in their order, none of which is read."""
         taken = copy(self)
@@ -184,7 +190,8 @@ class Stack:
                 found = np.asarray(stack.oindex[wanted])
         except Exception as error:  # zarr and its codecs raise of every kind on damaged files
             raise _refusal(self.path, error) from error
-        return found if np.array_equal(wanted, items) else found[place]
+        found = found if np.array_equal(wanted, items) else found[place]
+        return found.reshape(len(found), *self._item)
 
 
 def some_of(items: NDArray[Any], chosen: NDArray[Any]) -> NDArray[Any]:
