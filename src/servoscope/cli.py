@@ -12,18 +12,21 @@ import traceback
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext, redirect_stderr
-from errno import ENOSPC
 from typing import Any
 
 from servoscope import __version__
 from servoscope.commands.catalogue import named, parse
-from servoscope.commands.streams import discard_unwritten, prepare_streams, print_message
+from servoscope.commands.streams import (
+    discard_unwritten,
+    prepare_streams,
+    print_message,
+    reason_of,
+)
 from servoscope.commands.usage import nearest, usage_line
-from servoscope.errors import InvalidInputError, ServoscopeError
-from servoscope.wording import one_line, printable
+from servoscope.errors import InvalidInputError
+from servoscope.wording import printable
 
 _CLUSTER_OPTIONS = ("--dask", "--workers")
-_LONGEST_MESSAGE = 2000
 _ENDS = (signal.SIGINT, signal.SIGTERM)
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -67,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         if debug:
             print(printable(traceback.format_exc()), end="", file=sys.stderr)
-        code = _fail(_reason(error), 1)
+        code = _fail(reason_of(error), 1)
         discard_unwritten()
         return code
     return 0
@@ -137,20 +140,6 @@ def _asked_for(arguments: Sequence[str]) -> Callable[[], None]:
         if errors.getvalue():
             box = _COLOURS.sub("", errors.getvalue())
             print_message(f"servoscope: {usage_line(box, ' '.join(['servoscope', *path]))}")
-
-
-def _reason(error: Exception) -> str:
-    """Why a command failed, on one line."""
-    message = one_line(error, _LONGEST_MESSAGE)
-    if isinstance(error, ServoscopeError):
-        return message
-    if isinstance(error, MemoryError):
-        return "out of memory; ask for fewer or smaller images"
-    if isinstance(error, OSError):
-        where = f"{error.filename}: " if error.filename else ""
-        full = "; free some and repeat the command, a run with --resume"
-        return f"{where}{error.strerror or message}{full if error.errno == ENOSPC else ''}"
-    return f"unexpected {type(error).__name__}: {message}; --debug shows where it came from"
 
 
 def _fail(message: str, code: int) -> int:

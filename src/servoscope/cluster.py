@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from servoscope.errors import InvalidInputError, ProcessesError
+from servoscope.errors import InvalidInputError, ProcessesError, ProcessKilledError
 from servoscope.wording import one_line
 
 _SENT_ONCE = 2**18
@@ -119,7 +119,7 @@ class Cluster:
         Raises
         ------
         ProcessesError
-            If the scheduler is lost, or call after call ends its worker.
+            If the scheduler is lost; a `ProcessKilledError` if a call ends worker after worker.
         """
         with self._failures_reported():
             sent: dict[int, tuple[Any, Any]] = {}
@@ -173,7 +173,7 @@ class Cluster:
         try:
             yield
         except KilledWorker as error:
-            raise ProcessesError(
+            raise ProcessKilledError(
                 "Worker after worker ended in one call, most likely because memory ran out; give "
                 "each more memory, or repeat with fewer, a run with --resume."
             ) from error

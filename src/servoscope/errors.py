@@ -29,6 +29,10 @@ class ProcessesError(ServoscopeError):
     """Processes cannot be started, or one of them was killed."""
 
 
+class ProcessKilledError(ProcessesError):
+    """A process, or worker after worker of a cluster, was killed in a call."""
+
+
 class RunFolderError(ServoscopeError, ValueError):
     """A run folder is unfinished, damaged, or was written by another version."""
 

@@ -18,7 +18,7 @@ from typing import Any
 from threadpoolctl import ThreadpoolController
 
 from servoscope.cluster import current
-from servoscope.errors import ProcessesError, ServoscopeWarning
+from servoscope.errors import ProcessesError, ProcessKilledError, ServoscopeWarning
 from servoscope.storage.folders import shared_folder
 from servoscope.wording import one_line
 
@@ -61,7 +61,8 @@ def in_processes(
     Raises
     ------
     ProcessesError
-        If the processes cannot be started, or one of them is killed or cannot take its arguments.
+        If the processes cannot be started, or one of them cannot take its arguments; a
+        `ProcessKilledError` if one is killed.
 
     Examples
     --------
@@ -212,7 +213,7 @@ def _failures_reported() -> Iterator[None]:
             raise ProcessesError(
                 f"Processes failed ({one_line(error).rstrip('.')}); repeat with --jobs 1."
             ) from error
-        raise ProcessesError(
+        raise ProcessKilledError(
             "A process was killed, most likely because memory ran out; repeat the command with "
             "fewer processes, such as --jobs 1, a run with --resume."
         ) from error

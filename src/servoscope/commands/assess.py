@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Annotated
 
@@ -14,11 +15,12 @@ from servoscope.commands.options import (
     Jobs,
     Json,
     Memory,
+    MoreDataSets,
     Protocol,
     Resume,
     RunOut,
-    with_dofs,
 )
+from servoscope.errors import InvalidInputError, ServoscopeWarning
 from servoscope.storage.sizes import DEFAULT_MEMORY
 
 Tolerance = Annotated[
@@ -33,6 +35,7 @@ Tolerance = Annotated[
 
 def assess(
     dataset: DataSet,
+    more: MoreDataSets = (),
     out: RunOut = Path("servoscope-run"),
     tolerance: Tolerance = "",
     pose_error: str = "",
@@ -55,7 +58,13 @@ def assess(
     The features and regressors that are chosen are trained and saved in the run's
     models/pipeline.
 
+    Several data sets are assessed side by side, each by one process or worker: a run folder for
+    each in OUT/sets, and one page of all, the worst first. One that cannot be assessed is a line
+    with its reason, and the command fails in the end.
+
     Example: servoscope assess desk --tolerance t=1mm,rz=0.2deg --out desk-run
+
+    Example: servoscope assess desk shelf bench --tolerance t=1mm --workers 4 --out night
 
     Args:
         pose_error: RMS errors of the poses that the robot reports, written like --tolerance. Known
@@ -71,18 +80,12 @@ def assess(
             rendered, and compare regressors.
         seed: Seed of the split and the nets.
     """
-    import warnings
-    from dataclasses import asdict
-
+    from servoscope.commands.assessment_order import AssessmentOrder
     from servoscope.commands.options import n_jobs, protocols
-    from servoscope.commands.run_assessment import reported_pose_errors, run_assessment
-    from servoscope.commands.run_study import finish_run, print_run
-    from servoscope.data.checks import check_data
-    from servoscope.data.images import PoseImageSet
-    from servoscope.data.independence import check_enough_images, mark_sequence
-    from servoscope.data.splits import MOST_IMAGES
+    from servoscope.commands.output import progress_bar
+    from servoscope.commands.run_sets import assess_sets
+    from servoscope.commands.run_study import print_run
     from servoscope.dofs import parse_dofs, parse_tolerances
-    from servoscope.errors import InvalidInputError, ServoscopeWarning
     from servoscope.features.catalogue import parse_families
     from servoscope.poses import DOFS
     from servoscope.regression.registry import make_regressor
@@ -90,34 +93,35 @@ def assess(
     from servoscope.study import StudyConfig
 
     processes = n_jobs(jobs)
-    config = StudyConfig(seed=seed, protocols=protocols(protocol))
     asked = DOFS if dofs is None else parse_dofs(dofs)
-    tolerances, label_errors = (parse_tolerances(text, asked) for text in (tolerance, pose_error))
-    tried = parse_families(families)
     make_regressor(regressor)
-    if out.resolve() in (dataset.resolve(), *dataset.resolve().parents):
+    order = AssessmentOrder(
+        StudyConfig(seed=seed, protocols=protocols(protocol)),
+        families=tuple(parse_families(families)),
+        regressor=regressor,
+        dofs=dofs,
+        tolerances=parse_tolerances(tolerance, asked),
+        pose_errors=parse_tolerances(pose_error, asked),
+        study=study,
+        memory=memory,
+    )
+    for one in (dataset, *more):
+        check_apart(out, one)
+    if more:
+        assess_sets(out, order, (dataset, *more), processes, resume=resume, force=force, json=json)
+        return
+    data, findings = order.load(dataset)
+    for finding in findings:
+        warnings.warn(finding, ServoscopeWarning, stacklevel=2)
+    with owned_run_folder(out, order.settings(dataset, data), resume=resume, force=force) as run:
+        summary = order.run(run, data, processes, progress_bar)
+    print_run(summary, out, json=json)
+
+
+def check_apart(out: Path, dataset: str) -> None:
+    """Raise InvalidInputError if a run folder would be, or hold, a data set."""
+    place = Path(dataset).resolve()
+    if out.resolve() in (place, *place.parents):
         raise InvalidInputError(
             f"--out {out} is or holds the data set {dataset}; name another folder."
         )
-    data = with_dofs(PoseImageSet.load(dataset, memory=memory), dofs)
-    check_enough_images(data)
-    for finding in check_data(data):
-        warnings.warn(finding.text, ServoscopeWarning, stacklevel=2)
-    data = mark_sequence(data.thinned(MOST_IMAGES))  # the study's random split would flatter
-    settings = {"command": "assess", **asdict(config), "dataset": str(dataset.resolve())}
-    settings |= {"tolerance": tolerances, "pose_error": label_errors, "families": tried}
-    settings |= {"regressor": regressor, "dofs": list(data.dofs), "study": study}
-    with owned_run_folder(out, settings, resume=resume, force=force) as run:
-        assessment = run_assessment(
-            run,
-            data,
-            families=tried,
-            regressor=regressor,
-            seed=seed,
-            tolerances=tolerances,
-            label_errors=reported_pose_errors(data) | label_errors,
-            compare=study,
-            n_jobs=processes,
-        )
-        summary = finish_run(run, data, config, processes, assessment=assessment, study=study)
-    print_run(summary, out, json=json)

@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 
 Source = Positional[Annotated[Path, arg(metavar="SRC", help="Folder or file to read.")]]
 DataSetOut = Positional[Annotated[Path, arg(metavar="OUT", help="Data set folder to write.")]]
-DataSet = Positional[Annotated[Path, arg(metavar="DATASET", help="Data set folder.")]]
+DataSet = Positional[Annotated[str, arg(metavar="DATASET", help="Data set folder.")]]
+MoreDataSets = Positional[
+    Annotated[tuple[str, ...], arg(metavar="DATASET ...", help="Further ones.")]
+]
 AnyFolder = Positional[Annotated[Path | None, arg(metavar="PATH", help="Folder.")]]
 Model = Positional[Annotated[Path, arg(metavar="MODEL", help="Model folder.")]]
 ModelOut = Annotated[Path, arg(help="Model folder to write.")]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
@@ -24,6 +25,9 @@ from rich.table import Table
 from servoscope.commands.streams import print_message
 from servoscope.errors import InvalidInputError
 from servoscope.wording import printable
+
+_EVERY_S = 60.0
+"""How often it is said how far something is, where there is no terminal, [s]."""
 
 
 class SafeConsole(Console):
@@ -94,11 +98,11 @@ def progress_bar(description: str, total: int | None) -> Iterator[Callable[[int]
     """A bar on standard error; yields the function that takes how many items are done.
 
     Where standard error is not a terminal, one line says what is being done instead, once it has
-    begun.
+    begun, and another every minute how far it is.
     """
     console = SafeConsole(stderr=True)
     if not console.is_terminal:
-        yield _announcement(description if total is None else f"{description} ({total})")
+        yield _announcement(description, total)
         return
     columns = (
         TextColumn("{task.description}", markup=False),
@@ -112,14 +116,22 @@ def progress_bar(description: str, total: int | None) -> Iterator[Callable[[int]
         yield lambda n_done: progress.update(task, completed=n_done)
 
 
-def _announcement(description: str) -> Callable[[int], object]:
-    """What says once that something has begun."""
-    announced = False
+def _announcement(description: str, total: int | None) -> Callable[[int], object]:
+    """What says that something has begun, and now and then how far it is and how long it takes."""
+    begun = said = time.monotonic()
+    announced, first = False, 0
 
     def advance(n_done: int) -> None:
-        nonlocal announced
+        nonlocal announced, first, begun, said
+        now = time.monotonic()
         if not announced:
-            print_message(f"{description} ...")
-        announced = True
+            print_message(f"{description if total is None else f'{description} ({total})'} ...")
+            announced, first, begun, said = True, n_done, now, now
+        elif now - said >= _EVERY_S:
+            said, left = now, ""
+            if total is not None and n_done > first:
+                seconds = (now - begun) * (total - n_done) / (n_done - first)
+                left = f" of {total}, about {max(1, round(seconds / 60))} min left"
+            print_message(f"{description}: {n_done}{left}")
 
     return advance

@@ -14,13 +14,14 @@ from rich.text import Text
 
 from servoscope.assessment import as_json, assess
 from servoscope.assessment.page import reach_table
-from servoscope.commands.output import console, progress_bar
+from servoscope.commands.output import console
 from servoscope.data.folder import writing
 from servoscope.data.images import PoseImageSet
 from servoscope.data.splits import Split
 from servoscope.errors import InvalidInputError, ServoscopeWarning
 from servoscope.pipeline import PosePipeline
 from servoscope.poses import DISPLAY_UNITS, DOFS
+from servoscope.processes import ProgressBar
 from servoscope.storage.folders import write_json
 from servoscope.storage.run_folder import RunFolder, read_json
 
@@ -38,6 +39,7 @@ def run_assessment(
     tolerances: Errors,
     label_errors: Errors,
     n_jobs: int,
+    progress: ProgressBar,
 ) -> dict[str, Any]:
     """Assess a data set, unless the run folder holds the assessment already."""
     path, models = run.path / "assessment.json", run.path / "models"
@@ -50,7 +52,7 @@ def run_assessment(
             seed=seed,
             compare=compare,
             n_jobs=n_jobs,
-            progress=progress_bar,
+            progress=progress,
         )
         if found.pipeline is not None:
             _save(found.pipeline, models, data, found.independence.labels[: len(data)])

@@ -10,6 +10,7 @@ from servoscope.commands.output import console, print_json, progress_bar
 from servoscope.commands.run_assessment import print_assessment, study_sample
 from servoscope.data.images import PoseImageSet
 from servoscope.errors import InvalidInputError
+from servoscope.processes import ProgressBar
 from servoscope.storage.folders import write_json
 from servoscope.storage.run_folder import RunFolder, read_json
 from servoscope.study import Study, StudyConfig
@@ -29,6 +30,7 @@ def finish_run(
     *,
     assessment: dict[str, Any] | None = None,
     study: bool = True,
+    progress: ProgressBar = progress_bar,
 ) -> dict[str, Any]:
     """Go through what is not finished of a run and write its report; returns its summary.
 
@@ -39,7 +41,7 @@ def finish_run(
         if not study:
             raise InvalidInputError("It is made with --study.")
         data, split = study_sample(run, data, assessment)
-        whole = Study(run, data, config, split=split, n_jobs=n_jobs, progress=progress_bar)
+        whole = Study(run, data, config, split=split, n_jobs=n_jobs, progress=progress)
         whole.run()
         summary = read_json(path)
         if assessment is not None:
@@ -51,7 +53,7 @@ def finish_run(
     if assessment is not None:
         summary = {"assessment": assessment["dofs"], **summary, "assessed": assessment}
     write_json(path, summary)
-    with progress_bar("report", 1) as advance:
+    with progress("report", 1) as advance:
         write = partial(write_report, run.path, n_jobs=n_jobs)
         shown = {name: summary.get(name) for name in ("protocols", "assessed", "criteria")}
         run.run_stage("report", shown, write, ["report.html"])

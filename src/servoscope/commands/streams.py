@@ -5,10 +5,12 @@ from __future__ import annotations
 import codecs
 import os
 import sys
+from errno import ENOSPC
 
+from servoscope.errors import ServoscopeError
 from servoscope.wording import one_line
 
-_LONGEST_MESSAGE = 10_000
+_LONGEST_MESSAGE, _LONGEST_REASON = 10_000, 2000
 
 _PLAIN = {
     **dict.fromkeys("─━═╌╴╶╸╺–—", "-"),
@@ -69,3 +71,17 @@ def _plainly(error: UnicodeError) -> tuple[str | bytes, int]:
 def print_message(message: str) -> None:
     """Print a line on standard error."""
     print(one_line(message, _LONGEST_MESSAGE), file=sys.stderr)
+
+
+def reason_of(error: Exception) -> str:
+    """Why a command failed, on one line."""
+    message = one_line(error, _LONGEST_REASON)
+    if isinstance(error, ServoscopeError):
+        return message
+    if isinstance(error, MemoryError):
+        return "out of memory; ask for fewer or smaller images"
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        full = "; free some and repeat the command, a run with --resume"
+        return f"{where}{error.strerror or message}{full if error.errno == ENOSPC else ''}"
+    return f"unexpected {type(error).__name__}: {message}; --debug shows where it came from"

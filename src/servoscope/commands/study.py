@@ -71,12 +71,13 @@ def report(run: Run, svg: bool = False, jobs: Jobs = None, json: Json = False) -
     """
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import print_facts
+    from servoscope.commands.run_sets import SETS_COMMAND, write_sets_report
     from servoscope.storage.folders import owned
     from servoscope.storage.run_folder import read_settings
     from servoscope.study.page import write_report
 
     processes = n_jobs(jobs)
-    read_settings(run)  # what is no run folder gets no lock
+    of_sets = read_settings(run).get("command") == SETS_COMMAND  # no lock where there is no run
     with owned(run):
-        page = write_report(run, n_jobs=processes, svg=svg)
+        page = write_sets_report(run) if of_sets else write_report(run, n_jobs=processes, svg=svg)
     print_facts({"report": str(page)}, as_json=json)

@@ -133,7 +133,8 @@ def train(
         )
     check_free(out, force=force)
     data, *others = (
-        PoseImageSet.load(folder, memory=memory).thinned(MOST_IMAGES) for folder in (dataset, *add)
+        PoseImageSet.load(folder, memory=memory).thinned(MOST_IMAGES)
+        for folder in [dataset, *map(str, add)]
     )
     for more in others:
         data = data + more

@@ -28,7 +28,7 @@ class Cell:
 
     By its value, or else its text, the rows of a page are sorted; marks are classes of the page's
     style sheet, such as ``"best"``; `beside` and `below` are in small print after the text, and on
-    a line under it.
+    a line under it; `link` is where the text leads from a page.
     """
 
     text: str
@@ -36,6 +36,7 @@ class Cell:
     mark: str = ""
     beside: str = ""
     below: str = ""
+    link: str = ""
 
     @property
     def is_bold(self) -> bool:
@@ -236,6 +237,8 @@ def _latex(text: str) -> str:
 
 def _html(cell: Cell) -> str:
     text = "<br>".join(map(escape, cell.text.split("\n")))
+    if cell.link:
+        text = f'<a href="{escape(cell.link)}">{text}</a>'
     if cell.mark:
         text = f'<span class="{escape(cell.mark)}">{text}</span>'
     if cell.beside:

@@ -45,7 +45,7 @@ PARTS = (
     "rehearsal.md",
     "rehearsal.html",
 )
-FOLDERS = ("stages", "vectors", "models", "figures", "dataset", "trials")
+FOLDERS = ("stages", "vectors", "models", "figures", "dataset", "trials", "sets")
 _REPLACED = (*PARTS, *FOLDERS)
 
 

@@ -1,0 +1,237 @@
+"""Many data sets assessed as one list of jobs: a run folder for each, and one page of all."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import time
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from servoscope import __version__
+from servoscope.assessment.sets import (
+    FAILED,
+    failed_row,
+    row_of,
+    sets_table,
+    worst_first,
+    write_sets_page,
+)
+from servoscope.commands.assessment_order import AssessmentOrder
+from servoscope.commands.output import console, print_json, progress_bar
+from servoscope.commands.streams import reason_of
+from servoscope.errors import DataSetError, ProcessKilledError, RunFolderError, ServoscopeWarning
+from servoscope.processes import in_processes, no_progress
+from servoscope.storage.folders import LOCK, scratch_folder, write_json
+from servoscope.storage.run_folder import VERSION, RunFolder, owned_run_folder, read_json
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Assessed:
+    """What a process or a worker found of a data set, as values: it may share no folder with the
+    one that asked.
+
+    Parameters
+    ----------
+    row : dict
+        Of `servoscope.assessment.sets`.
+    files : dict
+        The run folder, by the paths in it; empty where it failed.
+    """
+
+    row: Row
+    files: dict[str, bytes]
+
+
+def assess_sets(
+    out: Path,
+    order: AssessmentOrder,
+    datasets: Sequence[str],
+    n_jobs: int,
+    *,
+    resume: bool,
+    force: bool,
+    json: bool,
+) -> None:
+    """Assess data sets side by side, write the page of all, and print what was found.
+
+    Raises
+    ------
+    DataSetError
+        In the end, if some could not be assessed.
+    """
+    settings = {"command": SETS_COMMAND, **order.asked()}
+    with owned_run_folder(out, settings, resume=resume, force=force) as run:
+        apart = list(dict.fromkeys(str(Path(dataset).resolve()) for dataset in datasets))
+        rows = worst_first(_rows(run, order, apart, n_jobs))
+        n_failed = sum(row["state"] == FAILED for row in rows)
+        seconds = sum(row["seconds"] or 0.0 for row in rows)
+        summary = {
+            "version": VERSION,
+            "servoscope": __version__,
+            "settings": run.settings,
+            "n_failed": n_failed,
+            "sets": rows,
+            "timings_s": {"total": round(seconds, 3)},
+        }
+        write_json(run.path / "summary.json", summary)
+        write_sets_page(run.path / "report.html", rows, run.settings)
+    if json:
+        print_json(summary)
+    else:
+        console().print(sets_table(rows))
+        console().print(f"report: {out / 'report.html'}", soft_wrap=True)
+    if n_failed:
+        raise DataSetError(
+            f"{n_failed} of {len(rows)} data sets could not be assessed, such as "
+            f"{rows[0]['name']}; mend them as {out / 'report.html'} says, and repeat the command "
+            "with --resume."
+        )
+
+
+SETS_COMMAND = "assess sets"
+"""What the settings of such a run folder say that it was made by."""
+
+
+def write_sets_report(run: Path) -> Path:
+    """Write the page of a finished run of several data sets again."""
+    summary = read_json(run / "summary.json")
+    try:
+        return write_sets_page(run / "report.html", summary["sets"], summary["settings"])
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise RunFolderError(
+            f"{run / 'summary.json'} is damaged; make the run again with --force."
+        ) from error
+
+
+def _rows(run: RunFolder, order: AssessmentOrder, datasets: list[str], n_jobs: int) -> list[Row]:
+    """A row for each data set; those that the folder has finished are not assessed again."""
+    names = names_of(datasets)
+    places = {dataset: run.path / "sets" / folder for dataset, (_, folder) in names.items()}
+    (run.path / "sets").mkdir(exist_ok=True)
+    rows = {dataset: _finished(places[dataset], dataset) for dataset in datasets}
+    left = [dataset for dataset in datasets if rows[dataset] is None]
+    with progress_bar("data sets", len(datasets)) as advance:
+        advance(len(datasets) - len(left))
+        for n_left, (dataset, found) in enumerate(_assess_all(order, left, n_jobs), 1):
+            name, folder = names[dataset]
+            at = f"sets/{folder}" if found.files else None
+            row = {"name": name, "dataset": dataset, "run": at, **found.row}
+            _put(places[dataset], found.files, row)
+            rows[dataset] = row
+            advance(len(datasets) - len(left) + n_left)
+    return [row for row in rows.values() if row is not None]
+
+
+def _assess_all(
+    order: AssessmentOrder, datasets: Sequence[str], n_jobs: int
+) -> Iterator[tuple[str, Assessed]]:
+    """What is found of each data set, in their order.
+
+    Where a process is killed, the set that is waited for is tried once more by itself: if it ends
+    its process again it is a row that failed, and all others go on.
+    """
+    left = list(datasets)
+    while left:
+        calls = [(order, dataset) for dataset in left]
+        try:
+            for found in in_processes(assess_one, calls, n_jobs, batch_size=1):
+                yield left.pop(0), found
+        except ProcessKilledError:
+            try:
+                (found,) = in_processes(assess_one, [(order, left[0])], n_jobs, batch_size=1)
+            except ProcessKilledError as error:
+                found = Assessed(failed_row(reason_of(error)), {})
+            yield left.pop(0), found
+
+
+def assess_one(order: AssessmentOrder, dataset: str) -> Assessed:
+    """What one process finds of one data set, whatever goes wrong with it."""
+    start = time.perf_counter()
+    with (
+        TemporaryDirectory(dir=scratch_folder(), ignore_cleanup_errors=True) as scratch,
+        warnings.catch_warnings(record=True) as caught,
+    ):
+        warnings.simplefilter("always")
+        folder = Path(scratch) / "run"
+        try:
+            data, findings = order.load(dataset)
+            with owned_run_folder(folder, order.settings(dataset, data)) as run:
+                summary = order.run(run, data, 1, no_progress)
+        except Exception as error:  # one set is not the end of all
+            return Assessed(failed_row(reason_of(error)), {})
+        row = row_of(summary, [*findings, *_own(caught)])
+        row["seconds"] = round(time.perf_counter() - start, 3)
+        return Assessed(row, _files(folder))
+
+
+def _own(caught: Sequence[warnings.WarningMessage]) -> list[str]:
+    """The warnings that are of servoscope."""
+    own = (w for w in caught if issubclass(w.category, ServoscopeWarning))
+    return list(dict.fromkeys(str(warning.message) for warning in own))
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    paths = [path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != LOCK]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
+
+
+def _put(place: Path, files: dict[str, bytes], row: Row) -> None:
+    """Put a run folder in its place as a whole; the row beside it says that it is there."""
+    record, new = place.with_name(f"{place.name}.json"), place.with_name(f".{place.name}.part")
+    record.unlink(missing_ok=True)
+    for old in (place, new):
+        shutil.rmtree(old, ignore_errors=True)
+    for name, content in files.items():
+        path = new / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    if files:
+        new.rename(place)
+    write_json(record, row)
+
+
+def _finished(place: Path, dataset: str) -> Row | None:
+    """The row of a data set that was assessed before; None if it was not, or failed."""
+    try:
+        row = read_json(place.with_name(f"{place.name}.json"))
+    except RunFolderError:
+        return None
+    is_whole = row.get("dataset") == dataset and row.get("error") is None
+    return row if is_whole and (place / "report.html").exists() else None
+
+
+def names_of(datasets: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """What each data set is called, the shortest end of its path that no other has, and its folder.
+
+    Examples
+    --------
+    >>> names_of(["/a/monday", "/b/monday", "s3://parts/7"])["/b/monday"]
+    ('b/monday', 'b_monday')
+    """
+    parts = {dataset: [p for p in re.split(r"[/\\]+", dataset) if p] for dataset in datasets}
+    names = {}
+    for dataset, words in parts.items():
+        others = [other for one, other in parts.items() if one != dataset]
+        for length in range(1, len(words) + 1):
+            names[dataset] = "/".join(words[-length:])
+            if all(_folder("/".join(o[-length:])) != _folder(names[dataset]) for o in others):
+                break
+    folders: dict[str, str] = {}
+    for dataset, name in names.items():
+        folder, number = _folder(name), 2
+        while folder in folders.values():
+            folder, number = f"{_folder(name)}-{number}", number + 1
+        folders[dataset] = folder
+    return {dataset: (names[dataset], folders[dataset]) for dataset in datasets}
+
+
+def _folder(name: str) -> str:
+    """A name that any file system takes."""
+    return re.sub(r"[^\w-]+", "_", name).strip("_").lower() or "set"
