@@ -8,7 +8,8 @@ from pathlib import Path
 os.environ.setdefault("MPLBACKEND", "agg")
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
-from sphinx_gallery.sorting import FileNameSortKey
+import matplotlib
+from sphinx_gallery.sorting import ExplicitOrder
 
 import servoscope
 
@@ -43,12 +44,25 @@ autodoc_default_options = {
 }
 numpydoc_show_class_members = False
 
+EXAMPLES = (
+    "plot_information",
+    "plot_keyframe",
+    "plot_assess",
+    "plot_position",
+    "plot_rehearse",
+    "plot_own_features",
+    "plot_own_robot",
+    "own_images",
+    "own_robot",
+    "more_features",
+    "small_model",
+)
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
     "filename_pattern": r"/plot_",
     "ignore_pattern": r"__init__\.py|/cpp/",
-    "within_subsection_order": FileNameSortKey,
+    "within_subsection_order": ExplicitOrder([f"{name}.py" for name in EXAMPLES]),
     "abort_on_example_error": False,
     "download_all_examples": False,
     "remove_config_comments": True,
@@ -61,7 +75,8 @@ suppress_warnings = ["config.cache"]
 
 html_theme = "pydata_sphinx_theme"
 html_title = "servoscope"
-html_static_path = ["_static"]
+html_static_path = ["_static", f"{matplotlib.get_data_path()}/fonts/ttf/STIXGeneral.ttf"]
+html_context = {"default_mode": "auto"}
 html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_copy_source = False
@@ -69,7 +84,7 @@ html_math_renderer = "mathml"
 html_theme_options = {
     "show_prev_next": True,
     "navigation_with_keys": False,
-    "header_links_before_dropdown": 7,
+    "header_links_before_dropdown": 8,
     "secondary_sidebar_items": ["page-toc"],
     "footer_start": ["copyright"],
     "footer_end": [],

@@ -12,6 +12,8 @@ were tried in the assessment of families (docs/features.md) and are behind what 
 points bring such classes to the command line: docs/plugins.md.
 """
 
+# sphinx_gallery_thumbnail_path = "images/families.png"
+
 import sys
 
 import numpy as np

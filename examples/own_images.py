@@ -10,6 +10,8 @@ FOLDER holds images taken around a reference pose and a ``poses.csv`` that gives
 of each; ``docs/importing.md`` describes it. Set OPTIONS to the conventions of your poses.
 """
 
+# sphinx_gallery_thumbnail_path = "images/desk.png"
+
 import sys
 
 import numpy as np

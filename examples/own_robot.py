@@ -25,6 +25,8 @@ stands still, and ``stop()``. Jog the robot to its reference view, then, with Py
     print(positioner.run(robot, camera).message)
 """
 
+# sphinx_gallery_thumbnail_path = "images/view.png"
+
 import cv2
 import numpy as np
 

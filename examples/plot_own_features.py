@@ -80,4 +80,5 @@ ax.set_xticks(
     x, [f"{dof}\n1 = {m:.1f} {u}" for dof, m, u in zip(sv.DOFS, mean, units, strict=True)]
 )
 ax.set_ylabel("forecast RMS error, share of that of the mean")
-ax.legend(ncols=4, fontsize="small")
+ax.set_ylim(0, 1.25)
+ax.legend(ncols=4, loc="upper center", fontsize="small")

@@ -6,6 +6,8 @@ Twenty-four images of the simulated cylinder head, and the model that is trained
 examples that need a trained model share this one, so that it is trained once.
 """
 
+# sphinx_gallery_thumbnail_path = "images/overview.png"
+
 from functools import cache
 from tempfile import TemporaryDirectory
 

@@ -11,7 +11,7 @@ import servoscope
 from servoscope.cli import _asked_for
 
 ROOT = Path(__file__).parents[1]
-TOP = ("README.md", "CONTRIBUTING.md", "examples/README.md")
+TOP = ("README.md", "CONTRIBUTING.md")
 PAGES = [*(ROOT / name for name in TOP), *sorted((ROOT / "docs").glob("*.md"))]
 FENCED = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 RUN = re.compile(r"(\.venv/bin/)?(servoscope|python -m|pip) .*")
