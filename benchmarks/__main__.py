@@ -29,6 +29,7 @@ KERNELS = (
     "rendered_ranking",
     "recorded",
     "intervals",
+    "many_images",
 )
 
 

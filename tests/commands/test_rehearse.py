@@ -25,7 +25,7 @@ def test_it_prints_a_table_and_a_verdict_writes_a_page_and_goes_on(folder, tmp_p
     assert run(folder, out) == 0
     printed = capsys.readouterr().out
     assert "1/1" in printed
-    assert "would arrive" in printed
+    assert "arrive under" in printed
     page = (out / "rehearsal.html").read_text()
     assert "gain_0.8" in page
     assert page.count("data:image/png") == 3

@@ -164,8 +164,8 @@ def test_the_verdict_names_what_fails():
     good = summarise_rehearsal([trial("converged", 0.1)] * 20)
     bad = summarise_rehearsal([trial("converged", 0.1)] * 18 + [trial("converged", 4.0)] * 2)
     assert verdict({"range_1.0": good, "defocus": good}) == (
-        "At least 95% of 20 starts would arrive under every condition; no runs say 'converged' "
-        "farther away."
+        "At least 95% of 20 starts arrive under every condition, which of all starts may be as few "
+        "as 84%; no runs say 'converged' farther away."
     )
     said = verdict({"range_1.0": good, "covered_20": bad})
     assert "covered_20 (90%)" in said

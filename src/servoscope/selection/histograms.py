@@ -230,7 +230,7 @@ class JointCounts:
     >>> counts = [JointCounts((X[0], X[-1]), (y[0], y[-1]), n_bins=4) for _ in range(2)]
     >>> first, second = counts[0].update(X[:30], y[:30]), counts[1].update(X[30:], y[30:])
     >>> first.merge(second).finalize().round(3)
-    array([[1.4]])
+    array([[1.375]])
     """
 
     def __init__(
