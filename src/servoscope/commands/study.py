@@ -10,7 +10,8 @@ from servoscope.commands.options import Force, Jobs, Json, Protocol, Resume, Run
 def study(
     out: RunOut = Path("servoscope-study"),
     n_images: int = 1000,
-    image_size: int = 256,
+    image_size: int | None = None,
+    cells: int | None = None,
     seed: int = 0,
     protocol: Protocol = "both",
     jobs: Jobs = None,
@@ -23,11 +24,18 @@ def study(
     This is the study of Wells and Torras (2001), end to end: Tables I to III and the counterparts
     of its figures, beside the published numbers.
 
+    With --cells N it is made in N simulated cells of other parts, lights, lenses and sensors, which
+    processes or workers share: in what share of them each statement of the paper holds, and what
+    the order of the families depends on.
+
     Example: servoscope study --n-images 400 --image-size 128 --out quick
 
+    Example: servoscope study --cells 20 --out cells
+
     Args:
-        n_images: Number of images.
-        image_size: Height and width of the images, in pixels.
+        n_images: Number of images, of each cell.
+        image_size: Height and width of the images, in pixels; 256 by default, 64 with --cells.
+        cells: Number of cells to make a lighter study in, with one trial a net and 7 thresholds.
         seed: Seed of the poses, the noise, the split and the nets.
     """
     from dataclasses import asdict
@@ -36,15 +44,23 @@ def study(
     from servoscope.acquisition import AcquisitionConfig, acquire
     from servoscope.commands.options import n_jobs, protocols
     from servoscope.commands.output import progress_bar
+    from servoscope.commands.run_cells import study_cells
     from servoscope.commands.run_study import finish_run, print_run
     from servoscope.data.images import PoseImageSet
     from servoscope.storage.run_folder import RunFolder, owned_run_folder
+    from servoscope.study.cells import IMAGE_SIZE, lighter
     from servoscope.study.paper import StudyConfig, check_n_images
 
     processes = n_jobs(jobs)
     config = StudyConfig(seed=seed, protocols=protocols(protocol))
     check_n_images(n_images, config.protocols)
-    acquisition = AcquisitionConfig(n_images=n_images, image_size=image_size, seed=seed)
+    if cells is not None:
+        size = image_size or IMAGE_SIZE
+        AcquisitionConfig(n_images=n_images, image_size=size, seed=seed)  # refused before a folder
+        options = {"resume": resume, "force": force, "json": json}
+        study_cells(out, cells, n_images, size, lighter(config), processes, **options)
+        return
+    acquisition = AcquisitionConfig(n_images=n_images, image_size=image_size or 256, seed=seed)
     settings = {"command": "study", **asdict(config), "acquisition": asdict(acquisition)}
 
     def take_images(run: RunFolder) -> None:
@@ -69,15 +85,21 @@ def report(run: Run, svg: bool = False, jobs: Jobs = None, json: Json = False) -
     Args:
         svg: Write each figure as SVG too, for print.
     """
+    from functools import partial
+
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import print_facts
+    from servoscope.commands.run_cells import CELLS_COMMAND, write_cells_report
     from servoscope.commands.run_sets import SETS_COMMAND, write_sets_report
     from servoscope.storage.folders import owned
     from servoscope.storage.run_folder import read_settings
     from servoscope.study.page import write_report
 
     processes = n_jobs(jobs)
-    of_sets = read_settings(run).get("command") == SETS_COMMAND  # no lock where there is no run
+    made_by = read_settings(run).get("command")  # no lock where there is no run
+    write = {SETS_COMMAND: write_sets_report, CELLS_COMMAND: write_cells_report}.get(
+        str(made_by), partial(write_report, n_jobs=processes, svg=svg)
+    )
     with owned(run):
-        page = write_sets_report(run) if of_sets else write_report(run, n_jobs=processes, svg=svg)
+        page = write(run)
     print_facts({"report": str(page)}, as_json=json)

@@ -45,7 +45,7 @@ PARTS = (
     "rehearsal.md",
     "rehearsal.html",
 )
-FOLDERS = ("stages", "vectors", "models", "figures", "dataset", "trials", "sets")
+FOLDERS = ("stages", "vectors", "models", "figures", "dataset", "trials", "sets", "cells")
 _REPLACED = (*PARTS, *FOLDERS)
 
 

@@ -1,0 +1,99 @@
+"""The part of ``study --cells`` that shares cells out, keeps what each gave, and reports."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from servoscope import __version__
+from servoscope.commands.output import console, print_json, progress_bar
+from servoscope.errors import InvalidInputError, RunFolderError
+from servoscope.processes import in_processes
+from servoscope.storage.folders import write_json
+from servoscope.storage.run_folder import VERSION, RunFolder, owned_run_folder, read_json
+from servoscope.study.cells import make_cells, study_cell, summarise_cells
+from servoscope.study.cells_page import (
+    depends_table,
+    describe_order,
+    statements_table,
+    write_cells_page,
+)
+from servoscope.study.paper import StudyConfig
+
+CELLS_COMMAND = "study cells"
+"""What the settings of such a run folder say that it was made by."""
+
+
+def study_cells(
+    out: Path,
+    n_cells: int,
+    n_images: int,
+    image_size: int,
+    config: StudyConfig,
+    n_jobs: int,
+    *,
+    resume: bool,
+    force: bool,
+    json: bool,
+) -> None:
+    """Make the study in many cells, write the page of all, and print what was found."""
+    if n_cells < 1:
+        raise InvalidInputError(f"--cells must be at least 1, got {n_cells}.")
+    settings = {"command": CELLS_COMMAND, **asdict(config), "n_cells": n_cells}
+    settings |= {"n_images": n_images, "image_size": image_size}
+    with owned_run_folder(out, settings, resume=resume, force=force) as run:
+        cells = _cells(run, n_cells, n_images, image_size, config, n_jobs)
+        found = summarise_cells(cells)
+        seconds = round(sum(cell["seconds"] for cell in cells), 3)
+        summary = {
+            "version": VERSION,
+            "servoscope": __version__,
+            "settings": run.settings,
+            "found": found,
+            "cells": cells,
+            "timings_s": {"total": seconds},
+        }
+        write_json(run.path / "summary.json", summary)
+        write_cells_page(run.path / "report.html", summary)
+    if json:
+        print_json(summary)
+        return
+    shown = console()
+    shown.print(statements_table(found))
+    shown.print(depends_table(found))
+    shown.print(describe_order(found), soft_wrap=True)
+    shown.print(f"report: {out / 'report.html'}", soft_wrap=True)
+
+
+def write_cells_report(run: Path) -> Path:
+    """Write the page of a finished run again."""
+    try:
+        return write_cells_page(run / "report.html", read_json(run / "summary.json"))
+    except (KeyError, TypeError, IndexError, AttributeError) as error:
+        raise RunFolderError(
+            f"{run / 'summary.json'} is damaged; make the run again with --force."
+        ) from error
+
+
+def _cells(
+    run: RunFolder,
+    n_cells: int,
+    n_images: int,
+    image_size: int,
+    config: StudyConfig,
+    n_jobs: int,
+) -> list[dict[str, Any]]:
+    """What was found in each cell; those that the folder has are not studied again."""
+    folder = run.path / "cells"
+    folder.mkdir(exist_ok=True)
+    paths = [folder / f"{number:04d}.json" for number in range(n_cells)]
+    left = [cell for cell in make_cells(n_cells, config.seed) if not paths[cell.number].exists()]
+    with progress_bar("cells", n_cells) as advance:
+        advance(n_cells - len(left))
+        calls = [(cell, n_images, image_size, config) for cell in left]
+        found = in_processes(study_cell, calls, n_jobs, batch_size=1)
+        for n_done, one in enumerate(found, start=n_cells - len(left) + 1):
+            write_json(paths[one["number"]], one)
+            advance(n_done)
+    return [read_json(path) for path in paths]
