@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from servoscope.errors import ProcessesError
-from servoscope.processes import in_processes
+from servoscope.processes import in_processes, stop_processes
 from servoscope.storage.folders import SHARED_MEMORY, remove_abandoned
 
 OWNER = """
@@ -144,6 +144,26 @@ class Unpackable:
 
     def __reduce__(self) -> tuple[object, tuple[()]]:
         return fail_to_unpack, ()
+
+
+KEPT: list[np.ndarray] = []
+
+
+def grow(n_bytes: int) -> int:
+    """Keep so many bytes more; joblib looks at the memory once a second."""
+    KEPT.append(np.ones(n_bytes, np.uint8))
+    time.sleep(0.6)
+    return os.getpid()
+
+
+def test_processes_that_keep_what_they_need_again_are_not_ended():
+    pytest.importorskip("psutil")
+    calls = [(0,), (0,), *[(200_000_000,)] * 4, *[(0,)] * 4]
+    try:
+        pids = list(in_processes(grow, calls, n_jobs=2, batch_size=1))
+    finally:
+        stop_processes()
+    assert len(set(pids)) <= 2
 
 
 def test_arguments_that_a_process_cannot_take_are_not_said_to_be_a_want_of_memory():

@@ -548,4 +548,5 @@ def test_images_that_are_left_on_disk_are_those_in_memory(saved, tmp_path, monke
 def test_a_thinned_set_is_even_in_time():
     data = make(7, times=np.array([6.0, 5, 4, 3, 2, 1, 0]))
     assert data.thinned(3).times.tolist() == [6, 3, 0]
+    assert data.thinned(3).thinned(2).source["thinned_from"] == 7
     assert data.thinned(7) is data

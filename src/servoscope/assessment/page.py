@@ -12,6 +12,7 @@ from scipy.stats import spearmanr
 
 from servoscope.assessment.disturbed import TITLES
 from servoscope.assessment.verdict import arrives
+from servoscope.data.splits import MOST_IMAGES
 from servoscope.poses import DOF_LABELS
 from servoscope.report.page import Part, Section, Verdict, paragraph
 from servoscope.report.table import NONE, Cell, Table
@@ -160,11 +161,18 @@ def details_table(assessed: Row) -> Table:
         "RMS errors of features, forecast before anything was trained, with its 90 % interval, and "
         "measured on test images. "
         f"{images['n_train'] + images['n_validation']} images{rendered} to learn from, "
-        f"{images['n_test']} to test on{_pooled(images)}.",
+        f"{images['n_test']} to test on{_pooled(images)}{_thinned(images)}.",
         align="llrrl",
         name="details-table",
         style="decision wordy",
     )  # fmt: skip
+
+
+def _thinned(images: Row) -> str:
+    """How many images there were, where not all are used."""
+    if images.get("n_given", 0) <= MOST_IMAGES:
+        return ""
+    return f"; of {images['n_given']} images {MOST_IMAGES} are used, evenly spread in time"
 
 
 def _pooled(images: Row) -> str:

@@ -218,7 +218,8 @@ class PoseImageSet:
     def thinned(self, most: int) -> PoseImageSet:
         """At most so many of the images, evenly spread in time, in memory.
 
-        Images that have no times are in the order of time.
+        Images that have no times are in the order of time. The source of the fewer notes how many
+        there were, as ``thinned_from``.
 
         Examples
         --------
@@ -234,6 +235,7 @@ class PoseImageSet:
                 order = np.argsort(self.times, kind="stable")
             even = np.linspace(0, len(self) - 1, most).round().astype(np.intp)
             kept = self.subset(np.sort(order[even]))
+            kept = replace(kept, source={"thinned_from": len(self), **self.source})
         return kept if isinstance(kept.images, np.ndarray) else kept._in_memory()
 
     def _in_memory(self) -> PoseImageSet:

@@ -16,7 +16,7 @@ PROTOCOLS = ("paper", "honest")
 HONEST_FRACTIONS = (0.60, 0.15, 0.25)
 """Shares of training, validation and test images; the paper's 750 / 250 is the same 25 % test."""
 
-MOST_IMAGES = 2000
+MOST_IMAGES = 1500
 """What an assessment, or a model, is made of at most: time and memory grow with the square of the
 number, and what more images add is forecast by the learning curve."""
 

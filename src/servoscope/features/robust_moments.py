@@ -179,7 +179,7 @@ def _solve_positive(left: Array, right: Array) -> Array:
     return solution
 
 
-_MOST_OF_STACK = 2000
+_MOST_OF_STACK = 1500
 _COARSE_COMPONENTS, _COARSE_SCALES = 40, (60.0, 30.0, 15.0, 8.0, 5.0)
 _FINE_SCALES = (3.0, 2.0, 2.0, 2.0)
 _GAIN_STEP, _GAIN_DIRECTIONS, _GAIN_IMAGES = 0.05, 4, 200
