@@ -11,6 +11,7 @@ from benchmarks.machine import describe_machine
 from benchmarks.tables import as_page, as_text
 
 KERNELS = (
+    "floors",
     "mutual_information",
     "moments",
     "pca",
