@@ -120,7 +120,12 @@ def assess(
 
 def check_apart(out: Path, dataset: str) -> None:
     """Raise InvalidInputError if a run folder would be, or hold, a data set."""
-    place = Path(dataset).resolve()
+    from servoscope.storage.addresses import place_of
+
+    place = place_of(dataset)
+    if isinstance(place, str):
+        return
+    place = place.resolve()
     if out.resolve() in (place, *place.parents):
         raise InvalidInputError(
             f"--out {out} is or holds the data set {dataset}; name another folder."

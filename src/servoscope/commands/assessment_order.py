@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 from servoscope.commands.options import with_dofs
@@ -15,6 +14,7 @@ from servoscope.data.images import PoseImageSet
 from servoscope.data.independence import check_enough_images, mark_sequence
 from servoscope.data.splits import MOST_IMAGES
 from servoscope.processes import ProgressBar
+from servoscope.storage.addresses import absolute
 from servoscope.storage.run_folder import RunFolder
 from servoscope.study import StudyConfig
 
@@ -72,7 +72,7 @@ class AssessmentOrder:
 
     def settings(self, dataset: str, data: PoseImageSet) -> dict[str, Any]:
         """The settings of the run folder of one data set."""
-        of = {"command": "assess", "dataset": str(Path(dataset).resolve())}
+        of = {"command": "assess", "dataset": absolute(dataset)}
         return self.asked() | of | {"dofs": list(data.dofs)}
 
     def run(

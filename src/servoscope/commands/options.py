@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 Source = Positional[Annotated[Path, arg(metavar="SRC", help="Folder or file to read.")]]
 DataSetOut = Positional[Annotated[Path, arg(metavar="OUT", help="Data set folder to write.")]]
-DataSet = Positional[Annotated[str, arg(metavar="DATASET", help="Data set folder.")]]
+DataSet = Positional[
+    Annotated[str, arg(metavar="DATASET", help="Data set folder, or its address.")]
+]
 MoreDataSets = Positional[
     Annotated[tuple[str, ...], arg(metavar="DATASET ...", help="Further ones.")]
 ]

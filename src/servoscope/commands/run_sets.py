@@ -26,6 +26,7 @@ from servoscope.commands.output import console, print_json, progress_bar
 from servoscope.commands.streams import reason_of
 from servoscope.errors import DataSetError, ProcessKilledError, RunFolderError, ServoscopeWarning
 from servoscope.processes import in_processes, no_progress
+from servoscope.storage.addresses import absolute
 from servoscope.storage.folders import LOCK, scratch_folder, write_json
 from servoscope.storage.run_folder import VERSION, RunFolder, owned_run_folder, read_json
 
@@ -68,7 +69,7 @@ def assess_sets(
     """
     settings = {"command": SETS_COMMAND, **order.asked()}
     with owned_run_folder(out, settings, resume=resume, force=force) as run:
-        apart = list(dict.fromkeys(str(Path(dataset).resolve()) for dataset in datasets))
+        apart = list(dict.fromkeys(map(absolute, datasets)))
         rows = worst_first(_rows(run, order, apart, n_jobs))
         n_failed = sum(row["state"] == FAILED for row in rows)
         seconds = sum(row["seconds"] or 0.0 for row in rows)

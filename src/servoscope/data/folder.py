@@ -12,8 +12,9 @@ import math
 import os
 import shutil
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 
 from servoscope.errors import DataSetError, FolderExistsError, InvalidInputError
 from servoscope.poses import poses_from_quaternions, quaternions_xyzw
+from servoscope.storage.addresses import DistantStack, fetched, place_of
 from servoscope.storage.archives import read_arrays
 from servoscope.storage.folders import (
     complete_interrupted,
@@ -36,7 +38,13 @@ from servoscope.storage.folders import (
     write_json,
     write_text,
 )
-from servoscope.storage.reading import read_grey_png, read_json, read_lines
+from servoscope.storage.reading import (
+    LARGEST_JSON,
+    LARGEST_TEXT,
+    read_grey_png,
+    read_json,
+    read_lines,
+)
 from servoscope.storage.stacks import (
     PER_CHUNK,
     Stack,
@@ -58,6 +66,13 @@ POSE_COLUMNS = ("name", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 _PARTS = ("acquisition.json", "meta.json", "poses.csv", "reference.png")
 _KEPT = ("poses.zarr", KEPT_IMAGES)
 _REPLACED = (*reversed(_PARTS[:2]), *_PARTS[2:], "images.zarr", *_KEPT)
+
+
+_SMALL = {
+    **dict.fromkeys(("meta.json", "acquisition.json", "images.zarr/zarr.json"), LARGEST_JSON),
+    **dict.fromkeys(("poses.csv", "reference.png"), LARGEST_TEXT),
+}
+"""What is copied first of a data set at an address, and the most bytes of each."""
 
 
 def is_data_set(folder: Folder) -> bool:
@@ -200,19 +215,27 @@ def read_meta(folder: Folder) -> dict[str, Any]:
 def read(folder: Folder, in_memory: float = math.inf) -> dict[str, Any]:
     """Everything in a data set folder, under the names of `PoseImageSet`'s fields and ``meta``.
 
-    Images of more than `in_memory` bytes are a `Stack`.
+    The folder may be at an address of another file system. Images of more than `in_memory` bytes
+    are a `Stack`.
 
     Raises
     ------
     DataSetError
         If the folder is missing, unfinished, damaged or of another version.
     """
-    path = Path(folder)
+    place = place_of(folder)
+    if isinstance(place, Path):
+        return _read(place, Stack, in_memory)
+    with fetched(place, _SMALL) as path:
+        return _read(path, partial(DistantStack, f"{place}/images.zarr"), in_memory)
+
+
+def _read(path: Path, open_stack: Callable[..., Stack], in_memory: float) -> dict[str, Any]:
     meta = read_meta(path)
     shape = read_stack_shape(path / "images.zarr", 3, "uint8")
     names, numbers, times = _read_poses(path / "poses.csv", shape[0])
     reference_image = read_grey_png(path / "reference.png", (shape[1], shape[2]), DataSetError)
-    stack = Stack(path / "images.zarr", shape, "uint8")
+    stack = open_stack(path / "images.zarr", shape, "uint8")
     images = stack if stack.nbytes > in_memory else stack[:]
     try:
         T_world_cam = poses_from_quaternions(numbers[:, :3], numbers[:, 3:])

@@ -380,6 +380,8 @@ class PoseImageSet:
         Parameters
         ----------
         folder : path-like
+            Or an address that fsspec reads, such as ``s3://bucket/set``: images are fetched from
+            there as they are needed.
         memory : str, optional
             Such as "1GB": images that take more than a quarter of it stay on disk, and are read
             where they are asked for. By default all are read.

@@ -7,7 +7,7 @@ and each chunk must declare the size that it has, before anything is unpacked.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from itertools import islice
 from pathlib import Path
@@ -115,20 +115,24 @@ class Stack:
     """
 
     def __init__(self, path: Path, shape: tuple[int, ...], dtype: str) -> None:
-        declared, per_chunk = _read_description(path, len(shape), dtype)
+        self._describe(path, shape, dtype)
+        chunks = [path / chunk_name(i, len(shape)) for i in range(self.n_chunks)]
+        is_there = [chunk.exists() for chunk in chunks]
+        check_all_there(path, is_there)
+        packed = sum(check_chunk(path, chunk, self.chunk_bytes) for chunk in chunks)
+        check_unpacked(path, packed, self.n_chunks * self.chunk_bytes)
+        self.path = path
+        self.folder: _Temporary | None = None
+
+    def _describe(self, path: Path, shape: tuple[int, ...], dtype: str) -> None:
+        """Take over what ``zarr.json`` says, if it is what is wanted."""
+        declared, self.per_chunk = _read_description(path, len(shape), dtype)
         if declared != shape:
             raise _refusal(path, f"it holds {dtype} of shape {declared}, not {shape}")
-        n_chunks, inner = -(-shape[0] // per_chunk), "0" * (len(shape) - 1)
-        paths = [path.joinpath("c", str(i), *inner) for i in range(n_chunks)]
-        if lost := sum(not chunk.exists() for chunk in paths):
-            raise _refusal(path, f"{lost} of {len(paths)} chunks are missing")
-        n_bytes = per_chunk * math.prod(shape[1:]) * np.dtype(dtype).itemsize
-        packed = sum(_check_chunk(path, chunk, n_bytes) for chunk in paths)
-        if (unpacked := n_bytes * n_chunks) > max(LARGEST_CONSTANT, _MOST_PACKED * packed):
-            raise _refusal(path, f"{packed} bytes of files would unpack to {unpacked}")
-        self.path, self.dtype = path, np.dtype(dtype)
+        self.dtype = np.dtype(dtype)
+        self.n_chunks = -(-shape[0] // self.per_chunk)
+        self.chunk_bytes = self.per_chunk * math.prod(shape[1:]) * self.dtype.itemsize
         self._item, self._items = shape[1:], np.arange(shape[0])
-        self.folder: _Temporary | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -177,19 +181,22 @@ class Stack:
         return np.asarray(self._read(self._items), dtype=dtype)
 
     def _read(self, items: NDArray[np.intp]) -> NDArray[Any]:
+        return self._read_from(self.path, items)
+
+    def _read_from(self, path: Path, items: NDArray[np.intp]) -> NDArray[Any]:
         import zarr
 
         if not items.size:
             return np.empty((0, *self._item), self.dtype)
         wanted, place = np.unique(items, return_inverse=True)
         try:
-            stack = zarr.open_array(self.path, mode="r", zarr_format=3)
+            stack = zarr.open_array(path, mode="r", zarr_format=3)
             if wanted[-1] - wanted[0] == len(wanted) - 1:
                 found = np.asarray(stack[int(wanted[0]) : int(wanted[-1]) + 1])
             else:
                 found = np.asarray(stack.oindex[wanted])
         except Exception as error:  # zarr and its codecs raise of every kind on damaged files
-            raise _refusal(self.path, error) from error
+            raise _refusal(path, error) from error
         found = found if np.array_equal(wanted, items) else found[place]
         return found.reshape(len(found), *self._item)
 
@@ -306,9 +313,25 @@ def _are_lengths(values: Any) -> bool:
     return isinstance(values, list) and all(type(n) is int and 0 < n < 2**40 for n in values)
 
 
-def _check_chunk(path: Path, chunk: Path, n_bytes: int) -> int:
+def chunk_name(i: int, n_axes: int) -> str:
+    """The file of a chunk in the folder of a stack.
+
+    Examples
+    --------
+    >>> chunk_name(7, 3)
+    'c/7/0/0'
+    """
+    return "/".join(["c", str(i), *"0" * (n_axes - 1)])
+
+
+def most_packed(n_bytes: int) -> int:
+    """Most bytes of the file of a chunk that unpacks to `n_bytes`."""
+    return n_bytes + n_bytes // 64 + 2**16
+
+
+def check_chunk(path: Path, chunk: Path, n_bytes: int) -> int:
     """The bytes of a chunk, which must declare them, and `n_bytes` unpacked."""
-    size = check_regular(chunk, DataSetError, n_bytes + n_bytes // 64 + 2**16)
+    size = check_regular(chunk, DataSetError, most_packed(n_bytes))
     with open(chunk, "rb") as file:
         head = file.read(_BLOSC_HEAD)
     unpacked, packed = (int.from_bytes(head[i : i + 4], "little") for i in (4, 12))
@@ -319,5 +342,17 @@ def _check_chunk(path: Path, chunk: Path, n_bytes: int) -> int:
     return size
 
 
-def _refusal(path: Path, reason: str | Exception) -> DataSetError:
+def check_all_there(place: Path | str, is_there: Sequence[bool]) -> None:
+    """Raise DataSetError if a chunk of a stack is missing."""
+    if lost := is_there.count(False):
+        raise _refusal(place, f"{lost} of {len(is_there)} chunks are missing")
+
+
+def check_unpacked(place: Path | str, packed: int, unpacked: int) -> None:
+    """Raise DataSetError if chunks would unpack to far more than pictures do."""
+    if unpacked > max(LARGEST_CONSTANT, _MOST_PACKED * packed):
+        raise _refusal(place, f"{packed} bytes of files would unpack to {unpacked}")
+
+
+def _refusal(path: Path | str, reason: str | Exception) -> DataSetError:
     return DataSetError(f"{path} cannot be read ({one_line(reason)}); make the data set again.")
