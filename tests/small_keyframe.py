@@ -1,7 +1,11 @@
 """A small keyframe model of a bumpy plate, made without training, and images that it reads."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import cv2
 import numpy as np
+import pytest
 
 from servoscope.dofs import mask_of
 from servoscope.keyframe import CameraModel, Keyframe
@@ -52,6 +56,14 @@ def small_model(
         keyframe, first_guess=first_guess, reach=reach, dofs=dofs,
         accuracy={"least_similarity": 0.8, "median": {"tx": 0.1}, "quantile_90": {"tx": 0.3}},
     )  # fmt: skip
+
+
+@contextmanager
+def few_first_guesses(n_rendered: int = 400) -> Iterator[None]:
+    """Learn first guesses from few rendered images, where they are not the matter."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(FirstGuess.train.__kwdefaults__, "n_rendered", n_rendered)
+        yield
 
 
 def shown(model: KeyframeModel, n: int = 3) -> np.ndarray:

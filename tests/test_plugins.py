@@ -55,6 +55,7 @@ def acme(tmp_path_factory) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("default::servoscope.errors.ServoscopeWarning")
 def test_the_page_adds_one_of_each_on_the_command_line(acme, tmp_path, monkeypatch, capsys):
     data = planar_data_set(64, 16)
     images = np.concatenate([data.reference_image[None], data.images])
@@ -78,12 +79,11 @@ def test_the_page_adds_one_of_each_on_the_command_line(acme, tmp_path, monkeypat
 
     model = str(tmp_path / "model")
     options = ["--assessment", str(tmp_path / "run"), "--method", "features", "--out", model]
-    done = run(acme, "train", cell, *options, "--json")
-    assert done.returncode == 0, done.stderr
-    trained = json.loads(done.stdout)["accuracy"]["pipeline"]["dofs"]
+    assert main(["train", cell, *options, "--jobs", "1", "--json"]) == 0
+    trained = json.loads(capsys.readouterr().out)["accuracy"]["pipeline"]["dofs"]
     assert {one["recipe"]["regressor"] for one in trained.values()} == {"linear"}
-    done = run(acme, "position", model, "--robot", f"recorded:{cell}", "--start", "0", "--json")
-    assert json.loads(done.stdout)["steps"][0]["stage"] == "features", done.stderr
+    main(["position", model, "--robot", f"recorded:{cell}", "--start", "0", "--json"])
+    assert json.loads(capsys.readouterr().out)["steps"][0]["stage"] == "features"
 
     options = ["--robot", "stepper", "--n-images", "2", "--image-size", "32", "--jobs", "1"]
     assert main(["acquire", str(tmp_path / "steps"), "--part", "textured_plane", *options]) == 0

@@ -26,7 +26,7 @@ def moving():
 
 @pytest.fixture(scope="module")
 def looks(moving):
-    return read_held_out(*moving, pivot=0.1)
+    return read_held_out(*moving, n_jobs=1, pivot=0.1)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from planar_flange import T_FLANGE_CAM, FlangeCell
 from servoscope.data.images import PoseImageSet
 from servoscope.data.splits import Split
 from servoscope.errors import DataSetError, ModelError, ServoscopeWarning
-from servoscope.keyframe import Keyframe
+from servoscope.keyframe import CameraModel, Keyframe
 from servoscope.pipeline import PosePipeline, Recipe
 from servoscope.poses import (
     DISPLAY_FACTORS,
@@ -28,11 +28,13 @@ from servoscope.positioning import (
     PositioningModel,
     train,
 )
+from servoscope.positioning.calibration import Calibration
 from servoscope.positioning.guard import novelty_fault
 from servoscope.positioning.keyframe_model import NOT_SEEN
 from servoscope.positioning.training import Assessed
 from servoscope.scene.disturbances import Disturbances
 from servoscope.storage.model_folder import read_model, write_model
+from small_keyframe import few_first_guesses
 
 N_IMAGES = 30
 
@@ -57,7 +59,7 @@ def data() -> PoseImageSet:
 @pytest.fixture(scope="module")
 def model(data) -> KeyframeModel:
     with pytest.warns(ServoscopeWarning, match=rf"^1 of {N_IMAGES + 1} images are not trained on"):
-        return train(data)
+        return train(data, n_jobs=1)
 
 
 @pytest.mark.slow
@@ -297,8 +299,10 @@ def test_pixels_that_no_image_held_out_shows_are_saved_as_not_seen(model, tmp_pa
 @pytest.mark.slow
 def test_images_of_other_poses_are_refused(data) -> None:
     few = data.subset(np.arange(16))
-    with pytest.raises(DataSetError, match="no robot may be moved"):
-        train(replace(few, images=few.images[np.random.default_rng(0).permutation(16)]))
+    shuffled = replace(few, images=few.images[np.random.default_rng(0).permutation(16)])
+    known = Calibration(camera=CameraModel(1.4, 0.5 / SIZE, 0.5 / SIZE))
+    with few_first_guesses(), pytest.raises(DataSetError, match="no robot may be moved"):
+        train(shuffled, calibration=known, n_jobs=1)
 
 
 @pytest.mark.slow

@@ -33,6 +33,7 @@ from servoscope.rehearsal import Rehearsal
 from servoscope.robots.registry import make_robot
 from servoscope.scoreboard.cell import robot_in_cell
 from servoscope.storage.model_folder import read_model, write_model
+from small_keyframe import few_first_guesses
 
 GANTRY = ("tx", "ty", "rz")
 STILL = ~mask_of(GANTRY)
@@ -83,7 +84,8 @@ def data() -> PoseImageSet:
 
 @pytest.fixture(scope="module")
 def model(data) -> KeyframeModel:
-    return train(data, calibration=KNOWN, n_jobs=1)
+    with few_first_guesses():
+        return train(data, calibration=KNOWN, n_jobs=1)
 
 
 @pytest.mark.slow
