@@ -31,6 +31,7 @@ KERNELS = (
     "recorded",
     "intervals",
     "many_images",
+    "many_sets",
 )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import servoscope
-from servoscope.cli import _asked_for
+from servoscope.cli import _asked_for, _cluster_options
 
 ROOT = Path(__file__).parents[1]
 TOP = ("README.md", "CONTRIBUTING.md")
@@ -34,7 +34,7 @@ def test_commands_are_written_for_one_place_and_exist(page: Path) -> None:
         program, *arguments = shlex.split(command, comments=True)
         assert program.startswith(".venv/bin/"), command
         if program.endswith("/servoscope") and "--help" not in arguments:
-            assert callable(_asked_for(arguments)), command
+            assert callable(_asked_for(_cluster_options(arguments)[1])), command
 
 
 def test_there_are_commands_to_look_at() -> None:
