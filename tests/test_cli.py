@@ -330,14 +330,14 @@ def test_a_killed_replacement_leaves_the_old_set_and_goes_on(tmp_path):
     data = tmp_path / "data"
     planar_data_set(12, 24).save(data)
     before = of_folder(data)
-    command = ["acquire", str(data), "--n-images", "600", "--image-size", "16", "--force"]
+    command = ["acquire", str(data), "--n-images", "300", "--image-size", "16", "--force"]
     command += ["--part", "textured_plane", "--jobs", "1"]
     process = start(*command)
     wait_for(data / ".servoscope-new" / "images.zarr" / "c", process)
     kill(process)
     assert of_folder(data) == before
     assert main(command) == 0
-    assert len(PoseImageSet.load(data)) == 600
+    assert len(PoseImageSet.load(data)) == 300
     assert not list(data.glob(".*"))
 
 
@@ -345,7 +345,7 @@ def test_a_killed_replacement_leaves_the_old_set_and_goes_on(tmp_path):
 def test_a_killed_process_is_one_line_and_the_command_goes_on(tmp_path):
     """Images so small that a message is sent at once: half of one would leave all waiting."""
     data = tmp_path / "data"
-    command = ["acquire", str(data), "--n-images", "1000", "--image-size", "40", "--jobs", "2"]
+    command = ["acquire", str(data), "--n-images", "500", "--image-size", "40", "--jobs", "2"]
     command += ["--part", "textured_plane"]
     process = start(*command)
     wait_for(data / "images.zarr" / "c", process)
@@ -369,7 +369,7 @@ def test_a_killed_process_is_one_line_and_the_command_goes_on(tmp_path):
     assert err.splitlines()[-1].startswith("servoscope: A process was killed, most likely")
     assert json.loads((data / "acquisition.json").read_text())["n_done"] >= 25
     assert main(command) == 0
-    assert len(PoseImageSet.load(data)) == 1000
+    assert len(PoseImageSet.load(data)) == 500
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,8 @@ from servoscope.robots.registry import make_robot
 from servoscope.scene.scene import T_WORLD_REF, Scene
 
 SCHEDULE = ((30, 1.5), (20, 0.3), (10, 0.04))
-CONFIG = AcquisitionConfig(schedule=SCHEDULE, image_size=16, seed=3)
+SMALL = {"image_size": 16, "seed": 3, "part": "textured_plane"}
+CONFIG = AcquisitionConfig(schedule=SCHEDULE, **SMALL)
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +47,7 @@ def test_rings_are_drawn_independently() -> None:
 def test_a_ring_stays_as_it_is_when_others_change(
     tmp_path: Path, whole: PoseImageSet, others: tuple[tuple[int, float], ...]
 ) -> None:
-    changed = AcquisitionConfig(schedule=others, image_size=16, seed=3)
+    changed = AcquisitionConfig(schedule=others, **SMALL)
     data = acquire(tmp_path, changed, n_jobs=1)
     start = others[0][0]
     np.testing.assert_array_equal(data.images[start : start + 20], whole.images[30:50])
@@ -54,7 +55,7 @@ def test_a_ring_stays_as_it_is_when_others_change(
 
 
 def test_a_longer_ring_begins_with_the_same_images(tmp_path: Path, whole: PoseImageSet) -> None:
-    longer = AcquisitionConfig(schedule=((30, 1.5), (27, 0.3)), image_size=16, seed=3)
+    longer = AcquisitionConfig(schedule=((30, 1.5), (27, 0.3)), **SMALL)
     data = acquire(tmp_path, longer, n_jobs=1)
     np.testing.assert_array_equal(data.images[:50], whole.images[:50])
 

@@ -15,7 +15,8 @@ from servoscope.data.images import PoseImageSet
 from servoscope.errors import FolderExistsError, InvalidInputError
 from servoscope.storage.folders import write_json
 
-CONFIG = AcquisitionConfig(n_images=60, image_size=16, seed=3)
+PART = "textured_plane"  # which is rendered sooner than the cylinder head
+CONFIG = AcquisitionConfig(n_images=60, image_size=16, seed=3, part=PART)
 
 
 @pytest.fixture(scope="module")
@@ -67,14 +68,18 @@ def test_images_differ_by_pose_and_noise(whole: PoseImageSet) -> None:
 
 
 def test_every_image_has_noise_of_its_own(tmp_path: Path) -> None:
-    config = AcquisitionConfig(27, 16, 0, 0.0, 0.0, repeatability_mm=0.0, repeatability_deg=0.0)
+    config = AcquisitionConfig(
+        27, 16, 0, 0.0, 0.0, repeatability_mm=0.0, repeatability_deg=0.0, part=PART
+    )
     images = acquire(tmp_path, config, n_jobs=1).images.astype(int)
     pairs = ((1, 0), (2, 1), (25, 0), (26, 1))  # those 25 apart stand alike in their blocks
     assert all((images[i] != images[j]).mean() > 0.2 for i, j in pairs)
 
 
 def test_more_images_begin_with_the_same_ones(tmp_path: Path, whole: PoseImageSet) -> None:
-    fewer = acquire(tmp_path, AcquisitionConfig(n_images=7, image_size=16, seed=3), n_jobs=1)
+    fewer = acquire(
+        tmp_path, AcquisitionConfig(n_images=7, image_size=16, seed=3, part=PART), n_jobs=1
+    )
     np.testing.assert_array_equal(fewer.images, whole.images[:7])
     np.testing.assert_allclose(fewer.T_world_cam, whole.T_world_cam[:7], atol=1e-12)
     np.testing.assert_array_equal(fewer.reference_image, whole.reference_image)
@@ -130,7 +135,7 @@ def test_a_stop_at_any_step_loses_nothing(
 
 
 def test_a_stop_at_the_very_end_loses_nothing(tmp_path: Path) -> None:
-    config = AcquisitionConfig(n_images=2, image_size=16)
+    config = AcquisitionConfig(n_images=2, image_size=16, part=PART)
     first = acquire(tmp_path, config, n_jobs=1)
     write_progress(tmp_path, Progress(config.plan(), 2))
     assert_same(acquire(tmp_path, config, n_jobs=1), first)
@@ -138,7 +143,7 @@ def test_a_stop_at_the_very_end_loses_nothing(tmp_path: Path) -> None:
 
 
 def test_a_finished_folder_is_only_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    config = AcquisitionConfig(n_images=2, image_size=16)
+    config = AcquisitionConfig(n_images=2, image_size=16, part=PART)
     first = acquire(tmp_path, config, n_jobs=1)
     before = _content(tmp_path)
     monkeypatch.setattr("servoscope.acquisition.simulated.make_robot", _interrupt)
@@ -152,7 +157,7 @@ def _half_done(folder: Path) -> None:
 
 
 def _done(folder: Path) -> None:
-    acquire(folder, AcquisitionConfig(n_images=2, image_size=16), n_jobs=1)
+    acquire(folder, AcquisitionConfig(n_images=2, image_size=16, part=PART), n_jobs=1)
 
 
 @pytest.mark.parametrize(
@@ -167,7 +172,7 @@ def test_other_settings_are_refused_until_forced(
 ) -> None:
     begin(tmp_path)
     before = _content(tmp_path)
-    other = AcquisitionConfig(n_images=3, image_size=16, seed=9)
+    other = AcquisitionConfig(n_images=3, image_size=16, seed=9, part=PART)
     with pytest.raises(FolderExistsError, match=message):
         acquire(tmp_path, other, n_jobs=1)
     assert _content(tmp_path) == before
@@ -191,7 +196,7 @@ def _disk_full_at(n_images: int) -> Callable[..., None]:
 def test_a_full_disk_costs_nothing_of_what_is_replaced(
     tmp_path: Path, whole: PoseImageSet, n_done: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    other = AcquisitionConfig(n_images=3, image_size=16, seed=9)
+    other = AcquisitionConfig(n_images=3, image_size=16, seed=9, part=PART)
     old = acquire(tmp_path, other, n_jobs=1)
     with monkeypatch.context() as patch:
         patch.setattr(dataset_folder, "write_images", _disk_full_at(n_done))
@@ -223,7 +228,7 @@ def test_a_replacement_of_other_settings_is_not_gone_on_with(
     with pytest.raises(KeyboardInterrupt):
         acquire(
             tmp_path,
-            AcquisitionConfig(n_images=60, image_size=16, seed=4),
+            AcquisitionConfig(n_images=60, image_size=16, seed=4, part=PART),
             n_jobs=1,
             force=True,
             on_progress=_interrupt,
