@@ -1,6 +1,7 @@
 import json
 import re
 import time
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -402,3 +403,16 @@ def test_a_thousand_images_are_checked_in_seconds():
     began = time.process_time()
     assert check_data(data) == []
     assert time.process_time() - began < 6  # 1.4 s of 1000 images of 256 x 256
+
+
+def test_faults_are_found_block_by_block(monkeypatch) -> None:
+    """What is kept of a block is small: the most memory does not grow with the images."""
+    rng = np.random.default_rng(0)
+    images = rng.integers(0, 256, (3000, 64, 64), dtype=np.uint8)
+    poses = np.tile(np.eye(4), (len(images), 1, 1))
+    monkeypatch.setattr("servoscope.storage.stacks.BLOCK_BYTES", 2**18)
+    tracemalloc.start()
+    image_faults(images, poses)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 0.5 * images.nbytes
