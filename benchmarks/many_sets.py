@@ -29,7 +29,7 @@ from servoscope.study import StudyConfig
 
 N_SETS, N_IMAGES, SIZE = 6, 100, 64
 COUNTS, COUNTS_QUICK = (2000, 4000, 10_000), (100, 200, 400)
-"""Images of a set: the first two make the model, the last checks it."""
+"""Images of a set: the first and the last make the model, that between checks it."""
 
 N_TOTAL, N_WORKERS, PER_SET = 10_000_000, 100, 10_000
 FAMILIES = "moments"
@@ -104,9 +104,9 @@ def model(measured: dict[int, tuple[float, float]]) -> list[tuple[str, ...]]:
     """Rows: measured and modelled seconds of each size, and of all the images on all the workers.
 
     Of more images than an assessment is made of, both the import and the assessment take a time
-    that grows in proportion to their number: the line through the first two sizes.
+    that grows in proportion to their number: the line through the least and the largest size.
     """
-    (n0, first), (n1, second), _ = measured.items()
+    (n0, first), _, (n1, second) = measured.items()
     slopes = [(b - a) / (n1 - n0) for a, b in zip(first, second, strict=True)]
 
     def modelled(n: int) -> list[float]:
@@ -138,8 +138,8 @@ def tables(quick: bool) -> Iterator[Findings]:
     measured = {n: of_one_set(n) for n in (COUNTS_QUICK if quick else COUNTS)}
     yield Findings(
         "Ten million images",
-        "Processor seconds of one set, measured and by a line through the first two sizes, which "
-        "the third checks; the last rows are of the line alone",
+        "Processor seconds of one set, measured and by a line through the least and the largest "
+        "size, which that between checks; the last rows are of the line alone",
         ("images", "import", "assess", "import, model", "assess, model"),
         model(measured),
     )
