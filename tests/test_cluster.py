@@ -1,10 +1,12 @@
 """Calls shared with real dask workers: the same results, whatever happens to a worker."""
 
+import importlib
 import os
 import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -83,12 +85,9 @@ def _allow_no_failure(dask_scheduler):
     dask_scheduler.allowed_failures = 0
 
 
-def slow(i):
-    time.sleep(0.3)
-    return i
-
-
-def test_a_lost_scheduler_ends_in_one_line(tmp_path):
+@pytest.fixture
+def scheduler(tmp_path):
+    """A scheduler with a worker in a process group of its own, and its address."""
     code = (
         "import distributed, time\n"
         "if __name__ == '__main__':\n"
@@ -98,25 +97,39 @@ def test_a_lost_scheduler_ends_in_one_line(tmp_path):
         "    time.sleep(60)\n"
     )
     (tmp_path / "scheduler.py").write_text(code)
-    scheduler = subprocess.Popen(
+    process = subprocess.Popen(
         [sys.executable, str(tmp_path / "scheduler.py")],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
         start_new_session=True,
-        env={**os.environ, "PYTHONPATH": os.path.dirname(__file__)},
     )
-    try:
-        address = scheduler.stdout.readline().strip()
-        with on_cluster(address):
-            results = in_processes(slow, [(i,) for i in range(100)])
-            assert next(results) == 0
-            os.killpg(scheduler.pid, signal.SIGKILL)
-            with pytest.raises(ProcessesError, match=r"scheduler is lost .* --resume"):
-                list(results)
-    finally:
-        scheduler.kill()
-        scheduler.wait()
+    with process:
+        yield process, process.stdout.readline().strip()
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+def test_a_lost_scheduler_ends_in_one_line(scheduler):
+    process, address = scheduler
+    with on_cluster(address):
+        results = in_processes(time.sleep, [(0.3,)] * 100)
+        assert next(results) is None
+        os.killpg(process.pid, signal.SIGKILL)
+        with pytest.raises(ProcessesError, match=r"scheduler is lost .* --resume"):
+            list(results)
+
+
+def test_workers_that_lack_a_module_are_named_in_one_line(scheduler, tmp_path, monkeypatch):
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "only_here.py").write_text("def double(x):\n    return 2 * x\n")
+    monkeypatch.syspath_prepend(str(tmp_path / "own"))
+    double = importlib.import_module("only_here").double
+    refused = pytest.raises(ProcessesError, match="same version of servoscope")
+    with on_cluster(scheduler[1]), refused as caught:
+        list(in_processes(double, [(1,)]))
+    assert "only_here" in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_a_scheduler_that_is_not_there_is_refused_in_one_line(monkeypatch):

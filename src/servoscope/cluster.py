@@ -182,6 +182,13 @@ class Cluster:
                 f"The scheduler is lost ({one_line(error) or type(error).__name__}); start it and "
                 "its workers, and repeat the command, a run with --resume."
             ) from error
+        except RuntimeError as error:
+            if "deserialization" not in str(error):
+                raise
+            raise ProcessesError(
+                f"Scheduler or workers cannot take a call ({one_line(error.__cause__ or error)}); "
+                "all must have the same version of servoscope, and its plug-ins."
+            ) from error
 
 
 def _given(argument: Any) -> Any:
