@@ -8,7 +8,6 @@ and its load before is printed. Images are those of `many_images`.
 from __future__ import annotations
 
 import os
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -17,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.many_images import displacements, images_at, write_folder
+from benchmarks.many_images import displacements, images_at, run, write_folder
 from benchmarks.tables import Findings
 from servoscope import PoseImageSet
 from servoscope.cluster import on_cluster
@@ -73,21 +72,9 @@ def of_workers(n_sets: int) -> list[tuple[str, ...]]:
     if one[2] != two[2]:
         raise SystemExit("one worker and two found different figures")
     return [
-        (f"{n}", f"{run[0]:.1f}", f"{run[1]:.1f}", f"{one[0] / run[0]:.2f}", f"{load:.1f}")
-        for n, run in ((1, one), (2, two))
+        (f"{n}", f"{by[0]:.1f}", f"{by[1]:.1f}", f"{one[0] / by[0]:.2f}", f"{load:.1f}")
+        for n, by in ((1, one), (2, two))
     ]
-
-
-def processor_seconds(*arguments: object) -> float:
-    """Of a command, with all that it starts."""
-    command = [sys.executable, "-m", "servoscope", *map(str, arguments)]
-    with open(os.devnull, "wb") as nowhere:
-        actions = [(os.POSIX_SPAWN_DUP2, nowhere.fileno(), stream) for stream in (1, 2)]
-        pid = os.posix_spawn(sys.executable, command, os.environ, file_actions=actions)
-        _, status, usage = os.wait4(pid, 0)
-    if status:
-        raise SystemExit(f"{' '.join(command)} ended with {os.waitstatus_to_exitcode(status)}")
-    return usage.ru_utime + usage.ru_stime
 
 
 def of_one_set(n: int) -> tuple[float, float]:
@@ -95,9 +82,9 @@ def of_one_set(n: int) -> tuple[float, float]:
     with tempfile.TemporaryDirectory() as place:
         source, data = Path(place, "images"), Path(place, "data")
         write_folder(source, n)
-        imported = processor_seconds("import", "folder", source, data, "--reference", "000000.png")
+        imported = run("import", "folder", source, data, "--reference", "000000.png")[0]
         out = ["--out", Path(place, "run"), "--jobs", 1, "--families", FAMILIES]
-        return imported, processor_seconds("assess", data, *out)
+        return imported, run("assess", data, *out)[0]
 
 
 def model(measured: dict[int, tuple[float, float]]) -> list[tuple[str, ...]]:

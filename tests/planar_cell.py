@@ -1,5 +1,6 @@
 """A cell to move in: a textured plane, an honest robot, and an estimator that knows the truth."""
 
+import threading
 from collections.abc import Callable
 
 import numpy as np
@@ -42,6 +43,26 @@ class Cell:
         image = planar_images(self.delta_p[None], SIZE, seed=3)[0]
         noise = self.rng.normal(0, self.noise, image.shape) if self.noise else 0.0
         return np.clip(image + noise, 0, 255).round().astype(np.uint8)
+
+
+class Stoppable(Cell):
+    """A cell that counts its moves and stops, and takes `seconds` to move unless it is stopped."""
+
+    def __init__(self, delta_p: np.ndarray, noise: float = 0.0, seconds: float = 0.0) -> None:
+        super().__init__(delta_p, noise)
+        self.sent, self.stops, self.seconds = 0, 0, seconds
+        self.is_moving, self._stopped = threading.Event(), threading.Event()
+
+    def move(self, displacement: np.ndarray) -> np.ndarray:
+        self.sent += 1
+        self.is_moving.set()
+        if self._stopped.wait(self.seconds):
+            raise RuntimeError("stopped on the way")
+        return super().move(displacement)
+
+    def stop(self) -> None:
+        self.stops += 1
+        self._stopped.set()
 
 
 class Oracle:

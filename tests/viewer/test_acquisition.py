@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from planar_cell import T_WORLD_REF, Cell
+from planar_cell import T_WORLD_REF, Stoppable
 from servoscope import acquire_from
 from servoscope.acquisition.recording import RecordingConfig
 from servoscope.cli import main
@@ -25,24 +25,8 @@ SMALL = {
 }  # fmt: skip
 
 
-class Driver(Cell):
-    """A robot that goes where it is sent, and may take long."""
-
-    def __init__(self, seconds: float = 0.0) -> None:
-        super().__init__(np.zeros(6), noise=1.0)
-        self.sent, self.stops, self.seconds = 0, 0, seconds
-        self.is_moving, self._stopped = threading.Event(), threading.Event()
-
-    def move(self, displacement: np.ndarray) -> np.ndarray:
-        self.sent += 1
-        self.is_moving.set()
-        if self._stopped.wait(self.seconds):
-            raise RuntimeError("stopped on the way")
-        return super().move(displacement)
-
-    def stop(self) -> None:
-        self.stops += 1
-        self._stopped.set()
+def driver(seconds: float = 0.0) -> Stoppable:
+    return Stoppable(np.zeros(6), noise=1.0, seconds=seconds)
 
 
 class Page:
@@ -83,7 +67,7 @@ def taken(folder, robot, page, **options):
 
 
 def test_the_plan_is_shown_before_anything_moves(tmp_path) -> None:
-    robot, seen = Driver(), []
+    robot, seen = driver(), []
 
     def look(live) -> None:
         seen.append((robot.sent, page.said[-1], len(page.history.looks)))
@@ -100,7 +84,7 @@ def test_the_plan_is_shown_before_anything_moves(tmp_path) -> None:
 
 def test_every_image_is_shown_where_it_was_taken_with_what_is_done(tmp_path) -> None:
     page = Page(LiveAcquisition.run)
-    _, data = taken(tmp_path / "part", Driver(), page)
+    _, data = taken(tmp_path / "part", driver(), page)
     history = page.history
     np.testing.assert_array_equal(history.setting.reference_image, data.reference_image)
     order = [marks[0][-1] for marks in page.marked if marks[0]]
@@ -122,7 +106,7 @@ def test_every_image_is_shown_where_it_was_taken_with_what_is_done(tmp_path) -> 
 
 
 def test_a_step_is_one_image(tmp_path) -> None:
-    robot, at = Driver(), []
+    robot, at = driver(), []
 
     def step(live) -> None:
         at.append(len(page.marked[-1][0]))
@@ -138,14 +122,14 @@ def test_a_step_is_one_image(tmp_path) -> None:
 
 
 def test_stop_before_the_first_move_moves_nothing(tmp_path) -> None:
-    robot, page = Driver(), Page(LiveAcquisition.stop)
+    robot, page = driver(), Page(LiveAcquisition.stop)
     with pytest.raises(AcquisitionStoppedError, match="0 of 5"):
         taken(tmp_path / "part", robot, page)
     assert (robot.sent, robot.stops) == (0, 1)
 
 
 def test_stop_within_a_move_stops_the_robot_and_the_same_command_goes_on(tmp_path) -> None:
-    robot = Driver(seconds=0.0)
+    robot = driver(seconds=0.0)
 
     def stop_on_the_way(live) -> None:
         def press() -> None:
@@ -161,7 +145,7 @@ def test_stop_within_a_move_stops_the_robot_and_the_same_command_goes_on(tmp_pat
     with pytest.raises(AcquisitionStoppedError, match="1 of 5 images are on disk"):
         taken(tmp_path / "part", robot, page)
     assert robot.stops >= 1  # twice where the machine is slow
-    again = Driver()
+    again = driver()
     page = Page(LiveAcquisition.run)
     _, data = taken(tmp_path / "part", again, page)
     assert page.marked[0][0] != ()
@@ -169,7 +153,7 @@ def test_stop_within_a_move_stops_the_robot_and_the_same_command_goes_on(tmp_pat
 
 
 def test_stop_is_heard_on_the_way_back_after_a_fault(tmp_path) -> None:
-    robot = Driver()
+    robot = driver()
 
     def fail() -> np.ndarray:
         robot.seconds = 20.0
@@ -195,7 +179,7 @@ def test_stop_is_heard_on_the_way_back_after_a_fault(tmp_path) -> None:
 
 
 def test_after_the_end_stop_stops_the_robot_itself_and_nothing_moves(tmp_path) -> None:
-    robot, page = Driver(), Page(LiveAcquisition.run)
+    robot, page = driver(), Page(LiveAcquisition.run)
     live, _ = taken(tmp_path / "part", robot, page)
     live.finish("done")
     sent, stops = robot.sent, robot.stops
@@ -210,7 +194,7 @@ def test_after_the_end_stop_stops_the_robot_itself_and_nothing_moves(tmp_path) -
 
 def test_what_was_agreed_before_needs_no_button(tmp_path) -> None:
     page = Page()
-    taken(tmp_path / "part", Driver(), page, is_agreed=True)
+    taken(tmp_path / "part", driver(), page, is_agreed=True)
     assert not any("press" in words for words in page.said)
 
 

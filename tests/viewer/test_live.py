@@ -7,30 +7,11 @@ import numpy as np
 import pytest
 
 from planar import RANGES
-from planar_cell import Cell, Oracle
+from planar_cell import Oracle, Stoppable
 from servoscope.positioning.look_and_move import Positioner
 from servoscope.positioning.settings import LoopSettings
 from servoscope.viewer.history import History, Setting
 from servoscope.viewer.live import LiveRun
-
-
-class Stoppable(Cell):
-    """A cell that counts its stops, and may take long to move."""
-
-    def __init__(self, seconds: float = 0.0) -> None:
-        super().__init__(0.5 * RANGES)
-        self.stops, self.seconds = 0, seconds
-        self.is_moving, self._stopped = threading.Event(), threading.Event()
-
-    def move(self, displacement: np.ndarray) -> np.ndarray:
-        self.is_moving.set()
-        if self._stopped.wait(self.seconds):
-            raise RuntimeError("stopped on the way")
-        return super().move(displacement)
-
-    def stop(self) -> None:
-        self.stops += 1
-        self._stopped.set()
 
 
 def live(cell, on_wait=None, distort=lambda delta_p: 0.8 * delta_p, settings=None, **options):
@@ -51,7 +32,7 @@ def live(cell, on_wait=None, distort=lambda delta_p: 0.8 * delta_p, settings=Non
 
 
 def test_nothing_moves_before_a_button_is_pressed_and_the_first_move_is_shown() -> None:
-    cell = Stoppable()
+    cell = Stoppable(0.5 * RANGES)
     moves: list[int] = []
 
     def stop_later(run: LiveRun) -> None:
@@ -72,7 +53,7 @@ def test_nothing_moves_before_a_button_is_pressed_and_the_first_move_is_shown() 
 
 
 def test_a_step_is_one_move_and_one_look() -> None:
-    cell, waits = Stoppable(), []
+    cell, waits = Stoppable(0.5 * RANGES), []
 
     def press(run: LiveRun) -> None:
         waits.append(len(cell.poses) - 1)
@@ -85,7 +66,7 @@ def test_a_step_is_one_move_and_one_look() -> None:
 
 
 def test_run_goes_on_to_the_end_without_waiting() -> None:
-    cell, waits = Stoppable(), []
+    cell, waits = Stoppable(0.5 * RANGES), []
 
     def press(run: LiveRun) -> None:
         waits.append(run)
@@ -101,7 +82,7 @@ def test_run_goes_on_to_the_end_without_waiting() -> None:
 
 
 def test_a_step_while_running_holds_at_the_next_look() -> None:
-    cell, waits = Stoppable(), []
+    cell, waits = Stoppable(0.5 * RANGES), []
 
     def press(run: LiveRun) -> None:
         waits.append(len(cell.poses) - 1)
@@ -113,7 +94,7 @@ def test_a_step_while_running_holds_at_the_next_look() -> None:
 
 
 def test_stop_ends_a_move_that_is_under_way() -> None:
-    cell = Stoppable(seconds=20.0)
+    cell = Stoppable(0.5 * RANGES, seconds=20.0)
 
     def press(run: LiveRun) -> None:
         def stop() -> None:
@@ -133,7 +114,7 @@ def test_stop_ends_a_move_that_is_under_way() -> None:
 
 
 def test_stop_stops_the_robot_where_no_signal_can_end_the_move() -> None:
-    cell = Stoppable(seconds=20.0)
+    cell = Stoppable(0.5 * RANGES, seconds=20.0)
     run, _ = live(cell, LiveRun.run)
     results = []
     thread = threading.Thread(target=lambda: results.append(run.until_end()))
@@ -147,7 +128,7 @@ def test_stop_stops_the_robot_where_no_signal_can_end_the_move() -> None:
 
 
 def test_stop_stops_the_robot_after_the_end_too_and_no_button_moves_it() -> None:
-    cell = Stoppable()
+    cell = Stoppable(0.5 * RANGES)
     run, _ = live(cell, LiveRun.run)
     run.until_end()
     stops, poses = cell.stops, len(cell.poses)
@@ -160,7 +141,7 @@ def test_stop_stops_the_robot_after_the_end_too_and_no_button_moves_it() -> None
 
 @pytest.mark.parametrize(("button", "returns"), [("step", False), ("run", True)])
 def test_moves_that_were_not_shown_are_made_while_running_only(button: str, returns: bool) -> None:
-    cell = Stoppable()
+    cell = Stoppable(0.5 * RANGES)
     settings = LoopSettings(largest_innovation=None, workspace_margin=9.0)
     press = getattr(LiveRun, button)
     run, _ = live(cell, press, lambda delta_p: -0.3 * delta_p, settings)
@@ -173,7 +154,7 @@ def test_moves_that_were_not_shown_are_made_while_running_only(button: str, retu
 
 
 def test_what_is_true_is_kept_beside_what_is_believed() -> None:
-    cell = Stoppable()
+    cell = Stoppable(0.5 * RANGES)
     truth = np.eye(4)
     truth[0, 3] = 1e-3
     run, _ = live(cell, LiveRun.stop, truth=lambda: truth)

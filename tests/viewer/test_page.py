@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from browser import DESK, PHONE, chromium, sticks_out
-from planar_cell import Cell
+from planar_cell import Stoppable
 from servoscope import acquire_from
 from servoscope.errors import AcquisitionStoppedError
 from servoscope.viewer.acquisition import LiveAcquisition
@@ -17,31 +17,12 @@ pytest.importorskip("viser")
 from servoscope.viewer.browser import Browser
 
 
-class Robot(Cell):
-    """A robot that takes long to move, unless it is stopped."""
-
-    def __init__(self) -> None:
-        super().__init__(np.zeros(6), noise=1.0)
-        self.stops, self.seconds = 0, 0.0
-        self.is_moving, self._stopped = threading.Event(), threading.Event()
-
-    def move(self, displacement: np.ndarray) -> np.ndarray:
-        self.is_moving.set()
-        if self._stopped.wait(self.seconds):
-            raise RuntimeError("stopped on the way")
-        return super().move(displacement)
-
-    def stop(self) -> None:
-        self.stops += 1
-        self._stopped.set()
-
-
 class Acquisition(threading.Thread):
     """An acquisition that waits for the buttons of its page."""
 
     def __init__(self, folder) -> None:
         super().__init__(daemon=True)
-        self.folder, self.robot, self.end = folder, Robot(), ""
+        self.folder, self.robot, self.end = folder, Stoppable(np.zeros(6), noise=1.0), ""
         self.browser: Browser | None = None
         self.live = LiveAcquisition(self.robot, self.opened)
         self.is_open = threading.Event()

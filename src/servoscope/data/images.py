@@ -236,10 +236,8 @@ class PoseImageSet:
             even = np.linspace(0, len(self) - 1, most).round().astype(np.intp)
             kept = self.subset(np.sort(order[even]))
             kept = replace(kept, source={"thinned_from": len(self), **self.source})
-        return kept if isinstance(kept.images, np.ndarray) else kept._in_memory()
-
-    def _in_memory(self) -> PoseImageSet:
-        return replace(self, images=np.asarray(self.images))
+        in_memory = isinstance(kept.images, np.ndarray)
+        return kept if in_memory else replace(kept, images=np.asarray(kept.images))
 
     def __getitem__(self, index: Any) -> PoseImageSet:
         """The images of a slice, of a mask with one bool an image, or of an array of indices.

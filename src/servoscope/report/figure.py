@@ -40,7 +40,7 @@ GREY = 40
 """Pictures whose red and blue differ by no more than this are stored as grey: ink is tinted."""
 
 COLOURS = 96
-"""So many shades of a colour picture are stored: more are not told apart, and fill the page."""
+"""So many shades of a colour picture are stored: more are not distinguished, and fill it."""
 
 DPI = 144
 """Pixels per inch of the files; the page shows them at 96, so they stay sharp in print."""
