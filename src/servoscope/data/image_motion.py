@@ -17,6 +17,9 @@ Indices = NDArray[np.intp]
 _LOW_PASS = 0.15  # cycles per pixel
 _KEPT = 0.8
 
+_PAIRS = 64
+"""Pairs of images whose spectra are in memory at once."""
+
 
 def shrink_all(images: NDArray[np.uint8], size: int) -> NDArray[np.float32]:
     """Images whose longer side is `size` pixels, or as they are if that is less."""
@@ -40,6 +43,9 @@ def image_shifts(before: NDArray[np.float32], after: NDArray[np.float32]) -> Arr
     >>> image_shifts(image[:, 4:28, 4:28], image[:, 3:27, 6:30]).round().tolist()
     [[-2.0, 1.0]]
     """
+    if len(before) > _PAIRS:
+        parts = [slice(start, start + _PAIRS) for start in range(0, len(before), _PAIRS)]
+        return np.concatenate([image_shifts(before[part], after[part]) for part in parts])
     n, height, width = before.shape
     window = np.outer(np.hanning(height), np.hanning(width)).astype(np.float32)
     first, second = (

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import LinAlgError, lapack, svd
+from scipy.linalg import LinAlgError, eigh, lapack, svd
 from sklearn.utils.validation import check_is_fitted
 
 from servoscope.errors import InvalidInputError
@@ -27,7 +27,9 @@ from servoscope.storage.stacks import Stack
 Array = NDArray[np.float64]
 
 _SCALE_DEVIATION = 0.3
-_BLOCK = 50
+
+_LEAST_SQUARE = 1e-12
+"""Eigenvalues of less than that share of the largest are rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,18 +80,15 @@ class RobustProjection:
         1 by default.
         """
         n_places = len(self.mean) // self.n_layers
-        weights = np.ones((len(values), n_places)) if weights is None else weights.copy()
-        completed = np.empty_like(values)
+        if weights is None:
+            weights = np.ones((len(values), n_places))
         with one_blas_thread():
-            for start in range(0, len(values), _BLOCK):
-                block = slice(start, start + _BLOCK)
-                for scale in scales:
-                    solution = self._solve(values[block], weights[block])
-                    residuals = values[block] / self.noise - solution @ self._design
-                    squares = np.square(residuals).reshape(-1, self.n_layers, n_places).mean(axis=1)
-                    weights[block] = (scale**2 / (scale**2 + squares)) ** 2
-                completed[block] = self._without_nuisances(solution)
-        return completed, weights
+            for scale in scales:
+                solution = self._solve(values, weights)
+                residuals = values / self.noise - solution @ self._design
+                squares = np.square(residuals).reshape(-1, self.n_layers, n_places).mean(axis=1)
+                weights = (scale**2 / (scale**2 + squares)) ** 2
+            return self._without_nuisances(solution), weights
 
     ARRAYS: ClassVar[tuple[str, ...]] = ("mean", "components", "nuisances", "noise")
 
@@ -123,31 +122,40 @@ class RobustProjection:
         rows = np.vstack([_SCALE_DEVIATION * self.mean, self.components, self.nuisances])
         return rows / self.noise
 
-    @cached_property
-    def _grams(self) -> Array:
-        """Inner products of the rows of the design in each place, a row of a triangle each."""
-        by_place = self._design.reshape(len(self._design), self.n_layers, -1).transpose(2, 0, 1)
-        rows, columns = np.triu_indices(len(self._design))
-        return np.array([(place @ place.T)[rows, columns] for place in by_place])
-
     def _solve(self, values: Array, weights: Array) -> Array:
         n_rows = len(self._design)
         expected = np.zeros(n_rows)
         expected[0] = 1 / _SCALE_DEVIATION
         weighted = values / self.noise * np.tile(weights, self.n_layers)
         right = weighted @ self._design.T + expected
-        left = np.zeros((len(values), n_rows, n_rows))
-        packed, start = weights @ self._grams, 0
-        for i in range(n_rows):
-            left[:, i, i:] = packed[:, start : start + n_rows - i]
-            start += n_rows - i
-        left[:, np.arange(n_rows), np.arange(n_rows)] += 1
-        return np.array([_solve_positive(*system) for system in zip(left, right, strict=True)])
+        packed, ends = weights @ _grams(self), np.cumsum(np.arange(n_rows, 0, -1))
+        left, solutions = np.zeros((n_rows, n_rows)), np.empty_like(right)
+        for solution, products, on_the_right in zip(solutions, packed, right, strict=True):
+            for i, row in enumerate(np.split(products, ends[:-1])):
+                left[i, i:] = row
+            left[np.diag_indices(n_rows)] += 1
+            solution[:] = _solve_positive(left, on_the_right)
+        return solutions
 
     def _without_nuisances(self, solution: Array) -> Array:
         """``mean + u E`` of solutions, ``a`` being kept away from 0."""
         factor = np.maximum(_SCALE_DEVIATION * solution[:, :1], 0.1)
         return self.mean + solution[:, 1 : 1 + len(self.components)] / factor @ self.components
+
+
+@lru_cache(maxsize=2)
+def _grams(projection: RobustProjection) -> Array:
+    """Inner products of the rows of the design in each place, a row of a triangle each.
+
+    They take more room than all else of a projection, and are kept for the two used last.
+    """
+    design, n_layers = projection._design, projection.n_layers
+    upper = np.tri(len(design), dtype=bool).T
+    by_place = design.reshape(len(design), n_layers, -1).transpose(2, 0, 1)
+    grams = np.empty((len(by_place), int(upper.sum())))
+    for row, place in zip(grams, by_place, strict=True):
+        row[:] = (place @ place.T)[upper]
+    return grams
 
 
 def fit_robust_projection(
@@ -160,14 +168,18 @@ def fit_robust_projection(
     n = len(values)
     mean = values.mean(axis=0)
     with one_blas_thread():
-        _, lengths, vectors = svd(values - mean, full_matrices=False)
-        n_components = min(n_components, int((lengths > 1e-9 * lengths[0]).sum()))
-        vectors = vectors[:n_components]
-        left = values - mean - (values - mean) @ vectors.T @ vectors
+        left = values - mean
+        squares, directions = eigh(left @ left.T, overwrite_a=True)
+        squares, directions = squares[::-1][:n_components], directions[:, ::-1][:, :n_components]
+        varies = squares > _LEAST_SQUARE * squares[0]
+        lengths = np.sqrt(squares[varies])
+        vectors = directions[:, varies].T @ left / lengths[:, None]
+        n_components = len(vectors)
+        left -= left @ vectors.T @ vectors
     variances = (left**2).sum(axis=0) / (n - n_components)
     rounding = 1e-6 * float(np.square(values).mean()) or 1.0
     noise = np.sqrt(variances + np.median(variances) + rounding)
-    components = vectors * (lengths[:n_components, None] / np.sqrt(n))
+    components = vectors * (lengths[:, None] / np.sqrt(n))
     return RobustProjection(mean, components, nuisances, noise, n_layers)
 
 
@@ -179,7 +191,8 @@ def _solve_positive(left: Array, right: Array) -> Array:
     return solution
 
 
-_MOST_OF_STACK = 1500
+_MOST_OF_STACK, _BLOCK = 1500, 50
+_MOST_COMPONENTS = 256
 _COARSE_COMPONENTS, _COARSE_SCALES = 40, (60.0, 30.0, 15.0, 8.0, 5.0)
 _FINE_SCALES = (3.0, 2.0, 2.0, 2.0)
 _GAIN_STEP, _GAIN_DIRECTIONS, _GAIN_IMAGES = 0.05, 4, 200
@@ -193,7 +206,8 @@ class RobustMoments(ImageTransformer):
     n_cells : int
         Cells along either side that features are given for; no more than it has pixels.
     n_components : int, optional
-        Eigenvectors of the training images' cells; a third of their number by default.
+        Eigenvectors of the training images' cells; a third of their number by default, and 256 at
+        the most: memory grows with the square.
     n_fine_cells : int
         Cells along either side that are completed.
     size : int
@@ -280,6 +294,14 @@ class RobustMoments(ImageTransformer):
         self.n_rows_, self.n_columns_ = self._pooled(values[:1]).shape[-2:]
 
     def _features(self, flat: NDArray[Any]) -> Array:
+        return np.concatenate(
+            [
+                self._features_of_block(flat[start : start + _BLOCK])
+                for start in range(0, len(flat), _BLOCK)
+            ]
+        )
+
+    def _features_of_block(self, flat: NDArray[Any]) -> Array:
         values = self._fine_moments(flat)
         _, weights = self.coarse_.complete(values, _COARSE_SCALES)
         completed, _ = self.fine_.complete(values, _FINE_SCALES, weights)
@@ -326,7 +348,7 @@ class RobustMoments(ImageTransformer):
 
     def _checked_n_components(self, n_images: int) -> int:
         if self.n_components is None:
-            return max(n_images // 3, 1)
+            return min(max(n_images // 3, 1), _MOST_COMPONENTS)
         check_whole_number("n_components", self.n_components, 1)
         if self.n_components >= n_images:
             raise InvalidInputError(

@@ -30,7 +30,7 @@ MOST_WITHIN = 0.05
 """Share of the variance that may be within the poses: of the features where targets are equal, of
 the targets where features are near."""
 
-_BLOCK = 2**22
+_BLOCK = 2**20
 """Numbers that are worked on at a time."""
 
 _LOOSE = 0.25
