@@ -6,9 +6,10 @@ from servoscope.scene import tracing
 from servoscope.scene.geometry import geometry_of
 from servoscope.scene.render import prepare
 from servoscope.scene.textured_plane import pyramid_of
+from servoscope.scene.visibility import ray_grid
 from servoscope.scoreboard.cell import robot_in_cell
 
-BUILT_ONCE = (geometry_of, tracing._cell, tracing._pixel_corners, pyramid_of)
+BUILT_ONCE = (geometry_of, tracing._cell, ray_grid, pyramid_of)
 
 
 @pytest.mark.parametrize("part", ["cylinder_head", "textured_plane"])

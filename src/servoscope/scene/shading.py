@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from servoscope.compiled import compiled
 from servoscope.scene.geometry import DARK, IN_PART, LIFT, Table, table_radiance
 from servoscope.scene.mesh import N_TEXELS
+from servoscope.scene.visibility import Hits, RayGrid
 
 
 @njit(inline="always")
@@ -44,6 +45,12 @@ def cross(a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
+def turned(rotation, a):  # type: ignore[no-untyped-def]
+    """The vector, turned by a matrix."""
+    return dot(row_of(rotation, 0), a), dot(row_of(rotation, 1), a), dot(row_of(rotation, 2), a)
+
+
+@njit(inline="always")
 def of_length(a, length):  # type: ignore[no-untyped-def]
     """The vector, made as long as stated."""
     scale = length / np.sqrt(dot(a, a))
@@ -63,6 +70,8 @@ def blend(u, a, v, b, w, c):  # type: ignore[no-untyped-def]
 Floats = NDArray[np.float32]
 Integers = NDArray[np.int32]
 
+_LAST = N_TEXELS - 1  # a tile has a power of two of texels a side
+
 
 class Part(NamedTuple):
     """What the shading needs to know of the part's triangles and of the grain of its surfaces."""
@@ -75,14 +84,6 @@ class Part(NamedTuple):
     states: NDArray[np.uint8]
     looks: Floats
     grain: Floats
-
-
-class Hits(NamedTuple):
-    """The faces that rays met, -1 for none, and the barycentric coordinates there."""
-
-    face: Integers
-    u: Floats
-    v: Floats
 
 
 class Doubts(NamedTuple):
@@ -99,31 +100,37 @@ class Doubts(NamedTuple):
 
 @compiled(error_model="numpy")
 def shade(
-    rays: Floats,
-    ray_of: Integers,
     hits: Hits,
+    pixels: Integers,
+    grid: RayGrid,
+    rotation: Floats,
     centre: Floats,
     part: Part,
     table: Table,
     radiance: Floats,
     doubts: Doubts,
 ) -> int:
-    """Write the radiance along rays, but for what lamps may add that may be hidden.
+    """Write the radiance along the rays of some pixels, but for what lamps may add that may be
+    hidden.
 
-    `ray_of` is where in `radiance` each ray has its place; all start at `centre`, [m]. Written are
-    `radiance` and `doubts`, which has room for a ray from each to each lamp. Returns how many
-    doubts there are.
+    `pixels` are row times n plus column; the camera's pose are a rotation and its centre, [m].
+    Written are `radiance` and `doubts`, which has room for a ray from each hit to each lamp.
+    Returns how many doubts there are.
     """
     vertices, normals, open_sky, triangles, materials, states, looks, grain = part
     lamps, count = table.lamps, 0
-    eye = centre[0], centre[1], centre[2]
-    for j in range(ray_of.size):
-        i, face = ray_of[j], hits.face[j]
+    n = np.uint32(grid.x.shape[0])
+    eye = row_of(centre.reshape(1, 3), 0)
+    for i in range(pixels.size):
+        face = hits.face[i]
         if face < 0:
-            radiance[i] = _light_of_table(eye, row_of(rays, j), table)
+            row = np.uint32(pixels[i]) // n
+            column = np.uint32(pixels[i]) - row * n
+            ray = grid.x[row, column], grid.y[row, column], np.float32(1)
+            radiance[i] = _light_of_table(eye, turned(rotation, ray), table)
             continue
         a, b, c = row_of(triangles, face)
-        u, v = hits.u[j], hits.v[j]
+        u, v = hits.u[i], hits.v[i]
         w = np.float32(1) - u - v
         corner = row_of(vertices, a)
         e1, e2 = minus(row_of(vertices, b), corner), minus(row_of(vertices, c), corner)
@@ -175,11 +182,24 @@ def _scattered(strength, normal, to_lamp, to_eye, diffuse, look):  # type: ignor
         nl /= distance
         nv = dot(normal, to_eye) / depth
         lv = dot(to_lamp, to_eye) / (distance * depth)
-        halfway = max(np.float32(0), (nl + nv) / np.sqrt(np.float32(2) + lv + lv))
-        more = strength / l2 * nl * (diffuse + look[1] * halfway ** look[2])
+        halfway2 = max(np.float32(0), nl + nv) ** 2 / (np.float32(2) + lv + lv)
+        shine = look[1] * _power(halfway2, np.int32(look[2]) >> 1)
+        more = strength / l2 * nl * (diffuse + shine)
     else:
         more = np.float32(0)
     return more
+
+
+@njit(inline="always")
+def _power(base, exponent):  # type: ignore[no-untyped-def]
+    """A number to a whole power, by squaring."""
+    result = np.float32(1)
+    while exponent > 0:
+        if exponent & 1:
+            result *= base
+        base *= base
+        exponent >>= 1
+    return result
 
 
 @njit(inline="always")
@@ -212,8 +232,8 @@ def _grain_at(grain, point, milled):  # type: ignore[no-untyped-def]
     v = np.float32(1e3) * along + np.float32(2 * N_TEXELS)
     column, row = np.int32(u), np.int32(v)
     u, v = u - np.float32(column), v - np.float32(row)
-    column, row = column % N_TEXELS, row % N_TEXELS
-    right, below = (column + 1) % N_TEXELS, (row + 1) % N_TEXELS
+    column, row = np.uint32(column & _LAST), np.uint32(row & _LAST)
+    right, below = np.uint32((column + 1) & _LAST), np.uint32((row + 1) & _LAST)
     one = np.float32(1)
     top, low = (one - u) * (one - v), u * (one - v)
     left, far = (one - u) * v, u * v
