@@ -20,7 +20,8 @@ from layered_world import (
 )
 from servoscope import CameraModel, Keyframe
 from servoscope.errors import InvalidInputError
-from servoscope.keyframe import read_held_out
+from servoscope.keyframe import levels, read_held_out
+from servoscope.keyframe.motion import conjugate, exponential
 from servoscope.poses import displacements_from_poses, inverse_transform, pose_error
 
 N_FITTED, PIVOT = 14, 0.1
@@ -311,3 +312,18 @@ def test_groups_are_read_by_keyframes_that_never_saw_them():
     assert (looks.similarity[:6] > 0.8).all()
     with pytest.raises(InvalidInputError, match="two groups or more"):
         read_held_out(images, poses, REFERENCE, np.eye(4), np.zeros(12))
+
+
+def test_lengthened_steps_end_nearer(keyframe, held_out, monkeypatch):
+    level, errors = keyframe.aligner.levels[-1], {}
+    for most in (levels.MOST_RELAXED, 1.0):
+        monkeypatch.setattr(levels, "MOST_RELAXED", most)
+        left = []
+        for image, displacement in zip(*held_out, strict=True):
+            T = inverse_transform(conjugate(keyframe.mount, displacement))
+            start = level.start(exponential([0.0, 0.0, 0.0, 2e-3, -2e-3, 2e-3]) @ T)
+            grey = level.prepare(image)
+            few, many = (level.descend(grey, start, n, tolerance=0.0).T for n in (5, 30))
+            left.append(keyframe.aligner.view_shift(inverse_transform(many) @ few))
+        errors[most] = np.median(left)
+    assert errors[max(errors)] < 0.6 * errors[1.0]

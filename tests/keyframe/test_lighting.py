@@ -69,6 +69,6 @@ def test_light_costs_nothing_where_it_is_even_and_little_where_it_is_alike_every
     grid = LightGrid(POINTS, ASPECT, k)
     flat, bent = np.full(k * k, 0.3), np.full(k * k, 0.3)
     bent[0] = -0.3
-    P = grid.precision[0]
+    P = grid.prior[7 : 7 + k * k, 7 : 7 + k * k]
     assert flat @ P @ flat < 0.02
     assert bent @ P @ bent > 5

@@ -31,7 +31,6 @@ from servoscope.keyframe.alignment import (
     STAGES,
 )
 from servoscope.keyframe.levels import CUT, EVENED, FAINT, N_BLOCKS, PRIOR
-from servoscope.keyframe.robust import BEND
 from servoscope.positioning.first_guess import FirstGuess, bounds_of, small_shape
 from servoscope.positioning.keyframe_model import FARTHEST, KeyframeModel
 
@@ -216,10 +215,8 @@ class KeyframeGraph:
         """The variance of each number of the displacement, as `Aligner` finds it."""
         level, picture, aligner = self.levels[2], self.pictures[2], self.aligner
         found = level.linearise(picture, T, light)
-        u = found.r / (BEND * found.scale)
-        u = u * u
-        slope = (found.w * (1.0 - 3.0 * u) / (1.0 + u)).sum() / maximum(found.w.sum(), 1e-12)
-        H, _ = level.normal_equations_of(found, light)
+        slope = found.slope_share()
+        H, _ = level.normal_equations(found, light)
         follows = solve(H[6:, 6:], H[6:, :6], level.n_light)
         k2 = level.k**2
         gains, offsets = follows[1 : 1 + k2], follows[1 + k2 :]

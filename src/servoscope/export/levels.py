@@ -15,8 +15,10 @@ from servoscope.keyframe.levels import (
     LEAST_DEVIATION,
     LEAST_SCALE,
     LONGEST_STEP,
+    MOST_RELAXED,
     N_BLOCKS,
     PRIOR,
+    RELAXED,
     Level,
 )
 from servoscope.keyframe.lighting import Light
@@ -141,6 +143,13 @@ class Linear(NamedTuple):
     r: Value
     w: Value
     scale: Value
+
+    def slope_share(self) -> Value:
+        """As `servoscope.keyframe.robust.slope_share`."""
+        ratio = self.r / (BEND * self.scale)
+        u = ratio * ratio
+        changed = (self.w * (1.0 - 3.0 * u) / (1.0 + u)).sum()
+        return changed / maximum(self.w.sum(), 1e-12)
 
 
 class Descent(NamedTuple):
@@ -275,13 +284,8 @@ class LevelGraph:
         scale = maximum(1.4826 * middle, LEAST_SCALE)
         return where(4 * n_seen < self._n_some, 255.0, scale)
 
-    def normal_equations(self, picture: Picture, T: Value, light: Value) -> tuple[Value, Value]:
-        """Of a twist, defocus and light, (n, n) and (n,)."""
-        found = self.linearise(picture, T, light)
-        return self.normal_equations_of(found, light)
-
-    def normal_equations_of(self, found: Linear, light: Value) -> tuple[Value, Value]:
-        """The same, of residuals and derivatives."""
+    def normal_equations(self, found: Linear, light: Value) -> tuple[Value, Value]:
+        """Of a twist, defocus and light, (n, n) and (n,), from residuals and derivatives."""
         size, cells, k2 = 6 + self.n_light, (self.n_cells, self.n_each), self.k**2
         shares = self.graph.field(np.moveaxis(self.shares, 2, 0).reshape(4, self.n))
         rows = concatenate(
@@ -297,12 +301,8 @@ class LevelGraph:
         pairs = at[:, :, None] * size + at[:, None, :]
         H = own.reshape(-1).scattered(pairs.ravel(), self._zeros(size * size), "add")
         g = slope.reshape(-1).scattered(at.ravel(), self._zeros(size), "add")
-        prior = np.zeros((size, size))
+        prior = self.level.grid.prior.copy()
         prior[range(6), range(6)] = 1 / PRIOR**2
-        prior[6, 6] = 1.0
-        for i, P in enumerate(self.level.grid.precision):
-            own_nodes = slice(7 + i * k2, 7 + (i + 1) * k2)
-            prior[own_nodes, own_nodes] = P
         off = (light - self.even).reshape(self.n_light, 1)
         pulled = (prior[6:, 6:].astype(float) @ off).reshape(self.n_light)
         H = H.reshape(size, size) + prior
@@ -333,21 +333,25 @@ class LevelGraph:
         reach = self.width * float(self.level.camera.f)
 
         def step_once(number: Value, state: list[Value]) -> tuple[Value, list[Value], list[Value]]:
-            T, light, lit = state
-            H, g = self.normal_equations(picture, T, light)
+            T, light, lit, begun = state
+            found = self.linearise(picture, T, light)
+            H, g = self.normal_equations(found, light)
             left_out = where(lit, held, graph.constant(poses))
             taken = 1.0 - left_out
             H = H * (taken.reshape(size, 1) * taken) + graph.constant(np.eye(size)) * left_out
             step = self._step(H, (g * taken).reshape(size, 1), T)
+            relaxed = minimum(RELAXED / maximum(found.slope_share(), 1e-9), MOST_RELAXED)
+            step = step * where(begun, relaxed, 1.0)
             flow = reach * maximum(self.depth * step[:3].norm(), step[3:6].norm())
             step = step * minimum(LONGEST_STEP * self.width / maximum(flow, 1e-9), 1.0)
             T = self.motions.nearest(exponential(step[:6]) @ T)
             settled = lit & (flow < tolerance)
-            return ~settled, [T, light + step[6:], graph.constant(True)], [settled]
+            state = [T, light + step[6:], graph.constant(True), lit]
+            return ~settled, state, [settled]
 
         n_most = where(guess.settled, np.int64(n_steps), graph.constant(np.int64(n_steps + 1)))
-        start = [guess.T, self.resized(guess.light, k), guess.settled]
-        (T, light, _), (settled,) = graph.loop(n_most, start, step_once)
+        start = [guess.T, self.resized(guess.light, k), guess.settled, graph.constant(False)]
+        (T, light, *_), (settled,) = graph.loop(n_most, start, step_once)
         return Descent(T, light, settled.cast(np.int64).max() > 0)
 
     def _step(self, H: Value, g: Value, T: Value) -> Value:

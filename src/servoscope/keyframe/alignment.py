@@ -14,8 +14,8 @@ from servoscope.dofs import mask_of
 from servoscope.keyframe.camera import CameraModel
 from servoscope.keyframe.levels import CUT, FAR, N_BLOCKS, PRIOR, Guess, Level, View, evened
 from servoscope.keyframe.lighting import Light
-from servoscope.keyframe.motion import Freedom, conjugate, exponential, logarithm
-from servoscope.keyframe.robust import BEND
+from servoscope.keyframe.motion import Freedom, conjugate, exponential, logarithm, rotation_angle
+from servoscope.keyframe.robust import slope_share
 from servoscope.poses import inverse_transform
 
 Array = NDArray[np.float64]
@@ -31,7 +31,7 @@ class Stage(NamedTuple):
     tolerance: float
 
 
-STAGES = (Stage(32, 1.0, 10, 0.01), Stage(64, 0.7, 8, 0.1), Stage(128, 1.0, 6, 0.02))
+STAGES = (Stage(32, 1.0, 10, 0.01), Stage(64, 0.7, 8, 0.1), Stage(128, 1.0, 6, 0.03))
 CLEARLY_ALIKE = 0.85
 """The similarity above which no other start is tried."""
 
@@ -206,8 +206,7 @@ class Aligner:
 
     def view_shift(self, T: Array) -> float:
         """How far a motion of the camera moves what is seen, roughly, [rad]."""
-        v, w = np.split(logarithm(T), 2)
-        return float(np.linalg.norm(v) * self.typical_depth + np.linalg.norm(w))
+        return float(np.linalg.norm(T[:3, 3])) * self.typical_depth + rotation_angle(T)
 
     def _covariance(self, level: Level, image: Array, guess: Guess, displacement: Array) -> Array:
         """Covariance of the displacement about the pivot.
@@ -215,12 +214,10 @@ class Aligner:
         The sandwich formula with residuals that are correlated inside blocks of the view; errors
         of registration, alike inside blocks, between pixels and where another light shows another
         shading; and the keyframe's own errors, which grow with the displacement. Robust weights
-        hold less than they say: the slope of what they make of a residual is
-        ``w (1 - 3 u) / (1 + u)``.
+        hold less than they say (`slope_share`).
         """
         J, r, w, scale = level.linearise(image, guess)
-        u = (r / (BEND * scale)) ** 2
-        slope = float((w * ((1 - 3 * u) / (1 + u))).sum() / max(float(w.sum()), 1e-12))
+        slope = slope_share(r, w, scale)
         grid = level.grid
         H, _ = grid.normal_equations(J, r, w, level.laplacian, level.grey, guess.light)
         alone = grid.without_light(J, level.laplacian, level.grey, H)

@@ -9,14 +9,14 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
-from scipy.linalg import block_diag
+from scipy.linalg import LinAlgError, block_diag, lapack
 from scipy.spatial.transform import Rotation
 
 from servoscope.compiled import compiled
 from servoscope.keyframe.camera import CameraModel
 from servoscope.keyframe.lighting import Light, LightGrid
 from servoscope.keyframe.motion import Freedom, exponential
-from servoscope.keyframe.robust import robust_scale, robust_weights
+from servoscope.keyframe.robust import robust_scale, robust_weights, slope_share
 from servoscope.keyframe.warping import MOTION, N_ALIGNED, UNSEEN, _look, linearise, sample
 
 Array = NDArray[np.float64]
@@ -210,6 +210,10 @@ FAR = 0.01
 LEAST_DEVIATION = 1.0
 LONGEST_STEP = 0.15
 
+RELAXED, MOST_RELAXED = 1.2, 1.9
+"""All steps but the first are lengthened: by so much over the `slope_share`, since weights follow
+the residuals, and by so much at most. Below 2 no step raises the cost that the weights are of."""
+
 
 @dataclass(frozen=True, eq=False)
 class Guess:
@@ -323,7 +327,7 @@ class Level:
         return jacobian, residuals, weights, scale
 
     def descend(self, image: Array, guess: Guess, n_steps: int, tolerance: float = 0.01) -> Guess:
-        """Robust Gauss-Newton from a guess.
+        """Robust Gauss-Newton from a guess, over-relaxed: the weights follow the residuals.
 
         Parameters
         ----------
@@ -340,18 +344,20 @@ class Level:
         depth = float(np.median(self.depth))
         if not guess.is_settled:  # light alone: it may be far from even
             guess = Guess(guess.T, guess.light.resized(self.grid.k))
-            H, g = self.normal_equations(image, guess)
-            guess = Guess(guess.T, guess.light.moved(np.linalg.solve(H[6:, 6:], g[6:])))
+            H, g, _ = self.normal_equations(image, guess)
+            guess = Guess(guess.T, guess.light.moved(_solved(H[6:, 6:], g[6:])))
         guess = Guess(guess.T, guess.light.resized(self.grid.k))
-        for _ in range(n_steps):
-            H, g = self.normal_equations(image, guess)
+        for k in range(n_steps):
+            H, g, slope = self.normal_equations(image, guess)
             if depth < FAR:
                 H[:3], H[:, :3], g[:3] = np.eye(len(H))[:3], np.eye(len(H))[:, :3], 0.0
             if self.freedom is None:
-                step = np.linalg.solve(H, g)
+                step = _solved(H, g)
             else:
                 B = block_diag(self.freedom.twists(guess.T), np.eye(len(H) - 6))
-                step = B @ np.linalg.solve(B.T @ H @ B, B.T @ g)
+                step = B @ _solved(B.T @ H @ B, B.T @ g)
+            if k:
+                step *= min(RELAXED / max(slope, 1e-9), MOST_RELAXED)
             flow = reach * max(
                 depth * float(np.linalg.norm(step[:3])), float(np.linalg.norm(step[3:6]))
             )
@@ -363,12 +369,12 @@ class Level:
                 break
         return guess
 
-    def normal_equations(self, image: Array, guess: Guess) -> tuple[Array, Array]:
-        """Robust normal equations of a twist, defocus and light."""
-        J, r, w, _ = self.linearise(image, guess)
+    def normal_equations(self, image: Array, guess: Guess) -> tuple[Array, Array, float]:
+        """Robust normal equations of a twist, defocus and light, and the `slope_share`."""
+        J, r, w, scale = self.linearise(image, guess)
         H, g = self.grid.normal_equations(J, r, w, self.laplacian, self.grey, guess.light)
         H[np.diag_indices(6)] += 1 / PRIOR**2
-        return H, g
+        return H, g, slope_share(r, w, scale)
 
     def compare(self, image: Array, T: Array) -> tuple[float, float]:
         """Mean correlation of blocks with what is expected there, and the share that is seen.
@@ -392,3 +398,11 @@ class Level:
         counts = 2 * n_seen > np.bincount(self.blocks, minlength=n)
         weight = np.where(counts, np.sqrt(variance_b), 0)
         return float((z * weight).sum() / max(weight.sum(), 1e-9)), float(seen.mean())
+
+
+def _solved(H: Array, g: Array) -> Array:
+    """The solution of equations of a positive definite matrix."""
+    _, solution, failed = lapack.dposv(H, g)
+    if failed:
+        raise LinAlgError("The normal equations are not positive definite.")
+    return np.asarray(solution)

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from servoscope.compiled import compiled
-from servoscope.keyframe.robust import BLOCK, add_products
+from servoscope.keyframe.robust import BLOCK, add_products, fill_upper
 
 Array = NDArray[np.float64]
 N_POSE = 7
@@ -77,10 +78,12 @@ class LightGrid:
     ----------
     order : ndarray of shape (n,)
         The order that all other arrays of points are in, and are expected in: cell by cell.
+    prior : ndarray of shape (7 + 2 * k**2, 7 + 2 * k**2)
+        Inverse covariance of defocus, gains and offsets before the image is seen; 0 of the twist.
     """
 
     def __init__(self, points: Array, aspect: float, k: int, stiffness: float = 1.0) -> None:
-        self.k = k
+        self.k, self._even = k, Light.even(k).nodes
         at = (points / [1.0, aspect] + 0.5).clip(0, 1) * (k - 1)
         corner = np.minimum(at.astype(int), k - 2)
         cell = corner[:, 1] * (k - 1) + corner[:, 0]
@@ -92,8 +95,10 @@ class LightGrid:
         row, column = np.divmod(np.arange((k - 1) ** 2), k - 1)
         first = row * k + column
         self.nodes = np.stack([first, first + 1, first + k, first + k + 1], axis=1)
-        self.precision = stiffness**2 * np.stack([_rough(k, _GAIN), _rough(k, _OFFSET)])
-        self.precision += np.array([_ANY_GAIN, _ANY_OFFSET])[:, None, None] ** -2.0 / k**4
+        apart = (_rough(k, _GAIN), _rough(k, _OFFSET))
+        alike = (_ANY_GAIN**-2.0 / k**4, _ANY_OFFSET**-2.0 / k**4)
+        nodes = [stiffness**2 * own + shared for own, shared in zip(apart, alike, strict=True)]
+        self.prior = block_diag(np.zeros((N_POSE - 1, N_POSE - 1)), 1.0, *nodes)
 
     def at_points(self, light: Light) -> tuple[Array, Array]:
         """Gain and offset at each point, (n,) each."""
@@ -111,8 +116,9 @@ class LightGrid:
         light: Light,
     ) -> tuple[Array, Array]:
         """Of twist, defocus, gains and offsets; the light's prior is in them."""
-        n = N_POSE + 2 * self.k**2
-        H, g = np.zeros((n, n)), np.zeros(n)
+        uneven = (light.nodes - self._even).ravel()
+        known = np.concatenate([np.zeros(N_POSE - 1), [light.defocus], uneven])
+        H, g = self.prior.copy(), -self.prior @ known
         _accumulate(
             jacobian,
             residuals,
@@ -125,14 +131,6 @@ class LightGrid:
             H,
             g,
         )
-        H += np.tril(H, -1).T
-        H[N_POSE - 1, N_POSE - 1] += 1.0
-        g[N_POSE - 1] -= light.defocus
-        uneven = light.nodes - Light.even(self.k).nodes
-        for i, (P, off) in enumerate(zip(self.precision, uneven, strict=True)):
-            own = slice(N_POSE + i * self.k**2, N_POSE + (i + 1) * self.k**2)
-            H[own, own] += P
-            g[own] -= P @ off.ravel()
         return H, g
 
     def without_light(self, jacobian: Array, laplacian: Array, grey: Array, H: Array) -> Array:
@@ -188,7 +186,7 @@ def _accumulate(
     H: NDArray[Any],
     g: NDArray[Any],
 ) -> None:
-    """Add to the lower half of H, and to g, what the points contribute, cell by cell.
+    """Add to H, which is symmetric, and to g what the points contribute, cell by cell.
 
     Parameters
     ----------
@@ -236,3 +234,4 @@ def _accumulate(
             g[at[j]] += slope[j]
             for k in range(j + 1):
                 H[at[j], at[k]] += block[j, k]
+    fill_upper(H)

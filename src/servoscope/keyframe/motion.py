@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import asin, atan2, cos, sin
+from math import asin, atan2, cos, hypot, sin
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from servoscope.compiled import compiled
 from servoscope.dofs import mask_of
-from servoscope.poses import DOFS, displacements_from_poses, inverse_transform, rigid_transform
+from servoscope.poses import DOFS, inverse_transform, rigid_transform
 
 Array = NDArray[np.float64]
 
@@ -33,9 +35,32 @@ def exponential(twist: ArrayLike) -> Array:
 
     It is a retraction, equal to the exponential of SE(3) to first order.
     """
-    twist = np.asarray(twist, dtype=float)
-    R = Rotation.from_rotvec(twist[..., 3:].reshape(-1, 3)).as_matrix()
-    return rigid_transform(R.reshape(*twist.shape[:-1], 3, 3), twist[..., :3])
+    twist = np.ascontiguousarray(twist, dtype=float)
+    T = np.empty((*twist.shape[:-1], 4, 4))
+    _write_exponentials(twist.reshape(-1, 6), T.reshape(-1, 4, 4))
+    return T
+
+
+@compiled(error_model="numpy")
+def _write_exponentials(twists: NDArray[Any], T: NDArray[Any]) -> None:
+    """By Rodrigues' formula; ``sin a / a`` and ``(1 - cos a) / a^2`` of small angles by series."""
+    for i in range(twists.shape[0]):
+        x, y, z = twists[i, 3], twists[i, 4], twists[i, 5]
+        square = x * x + y * y + z * z
+        if square < 1e-6:
+            first = 1.0 - square / 6.0 * (1.0 - square / 20.0)
+            second = 0.5 - square / 24.0 * (1.0 - square / 30.0)
+        else:
+            angle = np.sqrt(square)
+            first, second = np.sin(angle) / angle, (1.0 - np.cos(angle)) / square
+        T[i, 0, 0], T[i, 1, 1] = 1.0 - second * (y * y + z * z), 1.0 - second * (x * x + z * z)
+        T[i, 2, 2] = 1.0 - second * (x * x + y * y)
+        T[i, 0, 1], T[i, 1, 0] = second * x * y - first * z, second * x * y + first * z
+        T[i, 0, 2], T[i, 2, 0] = second * x * z + first * y, second * x * z - first * y
+        T[i, 1, 2], T[i, 2, 1] = second * y * z - first * x, second * y * z + first * x
+        T[i, 0, 3], T[i, 1, 3], T[i, 2, 3] = twists[i, 0], twists[i, 1], twists[i, 2]
+        T[i, 3, 0] = T[i, 3, 1] = T[i, 3, 2] = 0.0
+        T[i, 3, 3] = 1.0
 
 
 def logarithm(T: ArrayLike) -> Array:
@@ -60,6 +85,18 @@ def conjugate(X: ArrayLike, D: ArrayLike) -> Array:
     return inverse_transform(X) @ np.asarray(D, dtype=float) @ np.asarray(X, dtype=float)
 
 
+def rotation_angle(R: Array) -> float:
+    """By how much a rotation turns, [rad]."""
+    axis = (R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1])
+    return atan2(hypot(*axis), R[0, 0] + R[1, 1] + R[2, 2] - 1)
+
+
+def _angles(R: Array) -> tuple[float, float, float]:
+    """rx, ry and rz of ``R = Rz(rz) Ry(ry) Rx(rx)``, [rad]."""
+    ry = -asin(min(1.0, max(-1.0, R[2, 0])))
+    return atan2(R[2, 1], R[2, 2]), ry, atan2(R[1, 0], R[0, 0])
+
+
 def displacement_by_twist(D_pivot: ArrayLike) -> Array:
     """Derivative of the six numbers of a displacement by a twist behind it, shape (6, 6).
 
@@ -68,7 +105,7 @@ def displacement_by_twist(D_pivot: ArrayLike) -> Array:
     "Representing attitude", 2006).
     """
     R = np.asarray(D_pivot, dtype=float)[:3, :3]
-    rx, ry, _ = Rotation.from_matrix(R).as_euler("xyz")
+    rx, ry, _ = _angles(R)
     s, c, tangent = np.sin(rx), np.cos(rx), np.tan(ry)
     out = np.zeros((6, 6))
     out[:3, :3] = R
@@ -118,11 +155,8 @@ class Freedom:
         T : ndarray of shape (4, 4)
             Reference camera to this camera.
         """
-        if self.is_full:
-            return displacements_from_poses(np.eye(4), self.displacement(T)[None], self.pivot)[0]
         D = self._about_pivot @ inverse_transform(T) @ self._from_pivot
-        turn = atan2(D[2, 1], D[2, 2]), -asin(min(1.0, max(-1.0, D[2, 0]))), atan2(D[1, 0], D[0, 0])
-        return np.where(self._mask, [*D[:3, 3], *turn], 0.0)
+        return np.where(self._mask, [*D[:3, 3], *_angles(D)], 0.0)
 
     def displacement(self, T: Array) -> Array:
         """The displacement of the reported frame, (4, 4), [m]."""

@@ -36,7 +36,16 @@ def robust_scale(residuals: NDArray[Any], least: float) -> float:
     seen = some[some > UNSEEN]
     if 4 * len(seen) < len(some):
         return 255.0
-    return max(least, 1.4826 * float(np.median(np.abs(seen))))
+    return max(least, 1.4826 * _median(np.abs(seen)))
+
+
+def _median(values: NDArray[Any]) -> float:
+    """As `numpy.median`, at a third of its time."""
+    half = len(values) // 2
+    if len(values) % 2:
+        return float(np.partition(values, half)[half])
+    below, above = np.partition(values, (half - 1, half))[half - 1 : half + 1]
+    return float(below + above) / 2
 
 
 @compiled(fastmath=True, error_model="numpy")
@@ -68,6 +77,27 @@ def robust_weights(residuals: NDArray[Any], scale: float, weights: NDArray[Any])
     return float(left)
 
 
+@compiled(fastmath=True, error_model="numpy")
+def slope_share(residuals: NDArray[Any], weights: NDArray[Any], scale: float) -> float:
+    """By how much residuals less than their weights say change the slope of the cost, 1 at most.
+
+    The slope changes by ``w (1 - 3 u) / (1 + u)`` with a residual of the weight ``w``.
+
+    Parameters
+    ----------
+    residuals, weights : arrays of shape (n,)
+    scale : float
+        [grey].
+    """
+    inverse = 1.0 / (BEND * scale)
+    total, changed = 0.0, 0.0
+    for i in range(residuals.shape[0]):
+        u = (residuals[i] * inverse) ** 2
+        total += weights[i]
+        changed += weights[i] * (1.0 - 3.0 * u) / (1.0 + u)
+    return changed / max(total, 1e-12)
+
+
 @compiled(fastmath=True, error_model="numpy", inline="always")
 def add_products(
     rows: NDArray[Any],
@@ -82,6 +112,14 @@ def add_products(
             for p in range(n_points):
                 total += weighted[j, p] * rows[k, p]
             H[j, k] += total
+
+
+@compiled(inline="always")
+def fill_upper(H: NDArray[Any]) -> None:
+    """Make a matrix symmetric whose lower half is known."""
+    for j in range(H.shape[0]):
+        for k in range(j):
+            H[k, j] = H[j, k]
 
 
 @compiled(fastmath=True, error_model="numpy")
@@ -120,6 +158,4 @@ def normal_equations(
             for p in range(n_points):
                 total += weighted[j, p] * residuals[start + p]
             g[j] -= total
-    for j in range(m):
-        for k in range(j):
-            H[k, j] = H[j, k]
+    fill_upper(H)

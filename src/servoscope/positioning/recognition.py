@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.compiled import compiled
 from servoscope.errors import ServoscopeWarning
 from servoscope.keyframe import Keyframe
 from servoscope.keyframe.fitting import evenly_spread
@@ -69,12 +71,25 @@ class Recognition:
         view = self.view
         points = np.empty((len(self.surface), 3))
         project(T, values, view.aspect, self.rays.astype(float), self.surface, points)
-        height, width = view.shape
-        columns = ((points[:, 0] + 0.5) * width).clip(0, width - 1).astype(int)
-        rows = ((points[:, 1] / view.aspect + 0.5) * height).clip(0, height - 1).astype(int)
-        nearest = np.zeros(view.shape)
-        np.maximum.at(nearest, (rows, columns), points[:, 2])
-        return np.asarray(points[:, 2] < (1 - JUMP) * nearest[rows, columns])
+        hidden = np.empty(len(points), np.bool_)
+        _write_hidden(points, view.aspect, np.zeros(view.shape), hidden)
+        return hidden
+
+
+@compiled(error_model="numpy")
+def _write_hidden(
+    points: NDArray[Any], aspect: float, nearest: NDArray[Any], hidden: NDArray[np.bool_]
+) -> None:
+    """Whether points (n, 3) from `project` are behind others, of which `nearest` takes note."""
+    height, width = nearest.shape
+    for decides in (False, True):
+        for i in range(points.shape[0]):
+            column = int(min(max((points[i, 0] + 0.5) * width, 0.0), width - 1.0))
+            row = int(min(max((points[i, 1] / aspect + 0.5) * height, 0.0), height - 1.0))
+            if decides:
+                hidden[i] = points[i, 2] < (1.0 - JUMP) * nearest[row, column]
+            else:
+                nearest[row, column] = max(nearest[row, column], points[i, 2])
 
 
 def recogniser(keyframe: Keyframe) -> Callable[[Image, Array], float]:
