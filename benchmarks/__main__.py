@@ -24,6 +24,7 @@ KERNELS = (
     "photometric",
     "faults",
     "keyframe",
+    "decision",
     "few_images",
     "rehearsal",
     "next_images",

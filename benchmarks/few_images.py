@@ -47,7 +47,7 @@ def tables(quick: bool) -> Iterator[Findings]:
     for (part, robot), title in list(zip(CELLS, TITLES, strict=True))[: 1 if quick else 3]:
         for n_images in numbers:
             starts = n_starts if n_images == numbers[0] else n_starts // 2
-            model = _trained(part, robot, n_images)
+            model = trained(part, robot, n_images)
             rows = []
             for condition in MEASURED:
                 calls = [
@@ -75,7 +75,7 @@ def tables(quick: bool) -> Iterator[Findings]:
             )
 
 
-def _trained(part: str, robot: str, n_images: int) -> KeyframeModel:
+def trained(part: str, robot: str, n_images: int) -> KeyframeModel:
     config = AcquisitionConfig(
         schedule=((n_images, 1.6),), part=part, robot=robot, image_size=SIZE, seed=SEED
     )
