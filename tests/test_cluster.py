@@ -23,6 +23,10 @@ pytestmark = [
 ]
 
 
+WORKER_MEMORY = 700 * 10**6
+"""Of the worker of `scheduler`, [bytes]."""
+
+
 def scaled(X, factor, parts=()):
     return os.getpid(), factor * X.sum() + sum(part.sum() for part in parts)
 
@@ -34,6 +38,28 @@ def killed_once(place, i):
         mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return i * i
+
+
+def too_large_once(place, i):
+    """The second call takes more memory than its worker may, the first time."""
+    mark = place / "too large"
+    if i == 1 and not mark.exists():
+        mark.touch()
+        _take(2 * WORKER_MEMORY)
+    return i * i
+
+
+def too_large(i):
+    _take(2 * WORKER_MEMORY)
+
+
+def _take(n_bytes):
+    """Fill memory bit by bit, and keep it until the process is ended; nobody waits longer."""
+    taken = []
+    for _ in range(20):
+        taken.append(np.ones(n_bytes // 20, np.uint8))
+        time.sleep(0.02)
+    time.sleep(30)
 
 
 def always_killed(i):
@@ -92,7 +118,7 @@ def scheduler(tmp_path):
         "import distributed, time\n"
         "if __name__ == '__main__':\n"
         "    c = distributed.LocalCluster(n_workers=1, threads_per_worker=1, host='127.0.0.1',"
-        " dashboard_address='127.0.0.1:0')\n"
+        f" dashboard_address='127.0.0.1:0', memory_limit={WORKER_MEMORY})\n"
         "    print(c.scheduler_address, flush=True)\n"
         "    time.sleep(60)\n"
     )
@@ -118,6 +144,21 @@ def test_a_lost_scheduler_ends_in_one_line(scheduler):
         os.killpg(process.pid, signal.SIGKILL)
         with pytest.raises(ProcessesError, match=r"scheduler is lost .* --resume"):
             list(results)
+
+
+def test_a_worker_out_of_memory_is_replaced_and_changes_no_result(scheduler, tmp_path):
+    with on_cluster(scheduler[1]):
+        calls = [(tmp_path, i) for i in range(6)]
+        assert list(in_processes(too_large_once, calls)) == [i * i for i in range(6)]
+    assert (tmp_path / "too large").exists()
+
+
+def test_what_no_worker_has_memory_for_ends_in_one_line(scheduler):
+    with on_cluster(scheduler[1]) as cluster:
+        cluster.client.run_on_scheduler(_allow_no_failure)
+        with pytest.raises(ProcessesError, match="memory ran out") as caught:
+            list(in_processes(too_large, [(0,)]))
+    assert "\n" not in str(caught.value)
 
 
 def test_workers_that_lack_a_module_are_named_in_one_line(scheduler, tmp_path, monkeypatch):
