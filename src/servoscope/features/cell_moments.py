@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.compiled import compiled
 from servoscope.features.image_transformer import ImageShape, ImageTransformer, check_whole_number
 
 Floats = NDArray[np.float32]
@@ -92,28 +93,39 @@ def orientation_cells(image: NDArray[Any], size: int, n_cells: int) -> Floats:
     >>> orientation_cells(ramp, size=64, n_cells=3).sum(axis=(1, 2)).argmax()
     np.int64(0)
     """
-    slopes = _normalised_slopes(image, size)
-    magnitude = np.maximum(np.hypot(slopes[0], slopes[1]), np.float32(1e-6))
-    angles = 2 * np.pi * np.arange(N_DIRECTIONS, dtype=np.float32) / N_DIRECTIONS
-    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    along = np.maximum(np.tensordot(directions, slopes, axes=1), 0)
-    pooled = np.maximum(pool_in_cells(along * along / magnitude, n_cells), 0)
+    small = cv2.GaussianBlur(shrink(image, size), (0, 0), BLUR)
+    layers = np.empty((N_DIRECTIONS, *small.shape), np.float32)
+    _write_orientations(cv2.Sobel(small, -1, 1, 0), cv2.Sobel(small, -1, 0, 1), layers)
+    pooled = np.maximum(pool_in_cells(layers, n_cells), 0)
     total = pooled.sum()
     return np.sqrt(pooled / total) if total > 0 else pooled
 
 
-def _normalised_slopes(image: NDArray[Any], size: int) -> Floats:
-    """Slopes of an image made small, over their magnitude and twice its mean, (2, rows, columns).
+@compiled(fastmath=True, error_model="numpy")
+def _write_orientations(right: Floats, down: Floats, layers: Floats) -> None:
+    """Write how much slope there is in each direction: squared cosine times magnitude.
 
-    Neither gain nor offset change them, and something that covers the view or shines changes only
-    those beside it, but for the mean. They are 0 throughout an image without anything in it.
+    Slopes count over their magnitude and twice its mean: neither gain nor offset changes them, and
+    something that covers the view or shines changes only those beside it, but for the mean. They
+    are 0 throughout an image without anything in it.
     """
-    small = cv2.GaussianBlur(shrink(image, size), (0, 0), BLUR)
-    slopes = np.empty((2, *small.shape), np.float32)
-    slopes[0], slopes[1] = cv2.Sobel(small, -1, 1, 0), cv2.Sobel(small, -1, 0, 1)
-    magnitude = np.hypot(slopes[0], slopes[1])
-    scale = np.broadcast_to(magnitude + np.float32(2 * magnitude.mean()), slopes.shape)
-    return np.divide(slopes, scale, out=np.zeros_like(slopes), where=scale > 0)
+    n_rows, n_columns = right.shape
+    total = 0.0
+    for row in range(n_rows):
+        for column in range(n_columns):
+            x, y = right[row, column], down[row, column]
+            total += np.sqrt(x * x + y * y)
+    twice_mean = np.float32(2 * total / right.size)
+    for k in range(len(layers)):
+        angle = 2 * np.pi * k / len(layers)
+        cosine, sine = np.float32(np.cos(angle)), np.float32(np.sin(angle))
+        for row in range(n_rows):
+            for column in range(n_columns):
+                x, y = right[row, column], down[row, column]
+                magnitude = np.sqrt(x * x + y * y)
+                along = max(cosine * x + sine * y, np.float32(0))
+                whole = magnitude * (magnitude + twice_mean)
+                layers[k, row, column] = along * along / whole if whole > 0 else np.float32(0)
 
 
 class CellMoments(ImageTransformer):
@@ -264,10 +276,25 @@ def intensity_cells(image: NDArray[Any], size: int, n_cells: int, gain: float = 
     """
     small = cv2.GaussianBlur(shrink(image, size), (0, 0), BLUR)
     white = float(np.quantile(small, WHITE_QUANTILE))
-    scaled = small * (gain / white) if white > 0 else np.zeros_like(small)
-    step = LEVELS[1] - LEVELS[0]
-    away = np.abs(np.clip(scaled, LEVELS[0], LEVELS[-1]) - LEVELS[:, None, None])
-    return np.sqrt(pool_in_cells(np.maximum(1 - away / step, 0).astype(np.float32), n_cells))
+    layers = np.zeros((len(LEVELS), *small.shape), np.float32)
+    if white > 0:
+        _write_slices(small, np.float32(gain / white), LEVELS, layers)
+    else:
+        layers[0] = 1
+    return np.sqrt(pool_in_cells(layers, n_cells))
+
+
+@compiled(fastmath=True, error_model="numpy")
+def _write_slices(grey: Floats, scale: np.float32, levels: Floats, layers: Floats) -> None:
+    """Write how much of each pixel is of each level: shares of the two that it lies between."""
+    first, last = levels[0], levels[-1]
+    step = levels[1] - levels[0]
+    for k in range(len(levels)):
+        for row in range(grey.shape[0]):
+            for column in range(grey.shape[1]):
+                value = min(max(grey[row, column] * scale, first), last)
+                away = abs(value - levels[k]) / step
+                layers[k, row, column] = max(np.float32(1) - away, np.float32(0))
 
 
 def intensity_names() -> list[str]:
