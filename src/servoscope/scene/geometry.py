@@ -83,6 +83,12 @@ def _tree(mesh: Mesh) -> Any:
     return tree
 
 
+def blockers(tree: Any, origins: Floats, ways: Floats) -> NDArray[np.int32]:
+    """What lies between each origin and the end of its way, both [m]; -1 for nothing."""
+    found: NDArray[np.int32] = tree.run(origins, ways, dists=1.0, query="OCCLUDED")
+    return found
+
+
 DARK, LIT, IN_PART = 0, 1, 2
 """States of a face under a lamp."""
 
@@ -107,7 +113,7 @@ def face_states(geometry: Geometry, lamps: Floats) -> NDArray[np.uint8]:
     states = np.empty((len(triangles), len(lamps)), np.uint8)
     n_points = np.bincount(faces, minlength=len(states))
     for k, lamp in enumerate(lamps):
-        blocked = geometry.tree.run(points, lamp[:3] - points, dists=1.0, query="OCCLUDED") >= 0
+        blocked = blockers(geometry.tree, points, lamp[:3] - points) >= 0
         n_lit = np.bincount(faces[~blocked], minlength=len(states))
         states[:, k] = np.where(n_lit == 0, DARK, np.where(n_lit == n_points, LIT, IN_PART))
         turned_away = ((lamp[:3] - a) * normals).sum(axis=1) <= 0
@@ -206,7 +212,7 @@ def lay_table(geometry: Geometry, lighting: Lighting) -> Table:
     light = lighting.ambient * cv2.resize(sky.reshape(coarse.shape[:2]), size)
     for lamp in lamps:
         ways = (lamp[:3] - fine).reshape(-1, 3)
-        shaded = geometry.tree.run(fine.reshape(-1, 3), ways, dists=1.0, query="OCCLUDED") >= 0
+        shaded = blockers(geometry.tree, fine.reshape(-1, 3), ways) >= 0
         lit = lamp[3] * ways[:, 2] / np.linalg.norm(ways, axis=1) ** 3
         light += np.where(shaded, 0, lit).reshape(light.shape)
     albedo = np.float32(TABLE.albedo)

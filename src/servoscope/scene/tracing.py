@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from servoscope.compiled import compiled
 from servoscope.scene.cylinder_head import CylinderHead
-from servoscope.scene.geometry import Table, face_states, geometry_of, lay_table
+from servoscope.scene.geometry import Table, blockers, face_states, geometry_of, lay_table
 from servoscope.scene.lighting import Lighting
 from servoscope.scene.mesh import grain_tile, material_table
 from servoscope.scene.scene import Scene
@@ -94,9 +94,7 @@ def _trace(cell: _Cell, seen: Outlines, grid: RayGrid, pose: Floats, pixels: Int
         np.empty(n_doubts, np.float32),
     )
     count = shade(hits, pixels, grid, rotation, centre, cell.part, cell.table, radiance, doubts)
-    blocker = cell.tree.run(
-        doubts.origins[:count], doubts.ways[:count], dists=1.0, query="OCCLUDED"
-    )
+    blocker = blockers(cell.tree, doubts.origins[:count], doubts.ways[:count])
     add_unblocked(blocker, doubts.ray_of, doubts.gain, radiance)
     return radiance
 

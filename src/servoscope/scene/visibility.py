@@ -208,7 +208,7 @@ def _first_hits(outlines: Outlines, grid: RayGrid, pixels: Integers, hits: Hits)
     faces, forms, bounds = outlines
     x, y, right, down, bend_x, bend_y = grid
     n = np.int32(len(x))
-    nearness, nearest = np.zeros((n, n)), np.full((n, n), -1, np.int32)
+    nearness, nearest = np.zeros((n, n), np.float32), np.full((n, n), -1, np.int32)
     following = _following(n, pixels)
     for j in range(faces.size):
         left, last = np.int32(bounds[j, 0] - right), min(np.int32(bounds[j, 1] - right), n) - 1
@@ -229,7 +229,7 @@ def _first_hits(outlines: Outlines, grid: RayGrid, pixels: Integers, hits: Hits)
                 start, stop = _narrowed(start, stop, width, w, ends, bend_x, bend_y)
                 if stop < start:
                     continue
-            column = following[row, np.uint32(left + start)]
+            column = np.uint32(following[row, np.uint32(left + start)])
             end = np.uint32(left + stop)
             while column <= end:
                 xi, yi = x[row, column], y[row, column]
@@ -238,16 +238,17 @@ def _first_hits(outlines: Outlines, grid: RayGrid, pixels: Integers, hits: Hits)
                 if min(min(p, q), min(r, nearer)) >= 0:
                     nearness[row, column] = p + q + r
                     nearest[row, column] = j
-                column = following[row, column + np.uint32(1)]
+                column = np.uint32(following[row, column + np.uint32(1)])
     for i in range(pixels.size):
         place = np.uint32(pixels[i])
         met = nearest.flat[place]
         hits.face[i] = -1
         if met >= 0:
-            xi, yi, scale = x.flat[place], y.flat[place], 1 / nearness.flat[place]
+            xi, yi = x.flat[place], y.flat[place]
             hits.face[i] = faces[met]
-            hits.u[i] = scale * _value(_form(forms, met, 0), xi, yi)
-            hits.v[i] = scale * _value(_form(forms, met, 3), xi, yi)
+            p, q = _value(_form(forms, met, 0), xi, yi), _value(_form(forms, met, 3), xi, yi)
+            scale = 1 / (p + q + _value(_form(forms, met, 6), xi, yi))
+            hits.u[i], hits.v[i] = scale * p, scale * q
 
 
 @njit(inline="always")
@@ -276,9 +277,9 @@ def _value(form, x, y):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def _following(n: int, pixels: Integers) -> NDArray[np.uint32]:
+def _following(n: int, pixels: Integers) -> NDArray[np.uint16]:
     """The column of the next of the pixels in a row from each column on; n for none."""
-    following = np.full((n, n + 1), n, np.uint32)
+    following = np.full((n, n + 1), n, np.uint16)
     for pixel in pixels:
         following[pixel // n, pixel % n] = pixel % n
     for row in range(n):
