@@ -119,14 +119,11 @@ def shade(
     """
     vertices, normals, open_sky, triangles, materials, states, looks, grain = part
     lamps, count = table.lamps, 0
-    n = np.uint32(grid.x.shape[0])
     eye = row_of(centre.reshape(1, 3), 0)
     for i in range(pixels.size):
         face = hits.face[i]
         if face < 0:
-            row = np.uint32(pixels[i]) // n
-            column = np.uint32(pixels[i]) - row * n
-            ray = grid.x[row, column], grid.y[row, column], np.float32(1)
+            ray = grid.x.flat[pixels[i]], grid.y.flat[pixels[i]], np.float32(1)
             radiance[i] = _light_of_table(eye, turned(rotation, ray), table)
             continue
         a, b, c = row_of(triangles, face)
