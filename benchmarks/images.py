@@ -38,7 +38,7 @@ def tables(quick: bool) -> Iterator[Table | Findings]:
         [replace(t, remark=f"{n_images / t.wall:,.0f} images/s") for t in timings],
     )
 
-    yield _profile(20 if quick else 200, size)
+    yield _profile(20 if quick else 100, size)
 
 
 _PARTS = (
