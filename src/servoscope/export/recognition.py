@@ -29,10 +29,8 @@ class RecognitionGraph:
         self._rays = graph.field(np.stack([*rays, ones, depth]))
         self._surface = graph.field(np.stack([*rays, ones, recognition.surface]))
         self._inverse_depth = graph.field(recognition.surface)
-        sides = CellGrid(self.view.shape)
-        self._rows, self._columns = (
-            np.repeat(np.eye(len(sizes)), sizes, axis=1) for sizes in sides.sizes
-        )
+        grid = CellGrid(self.view.shape)
+        self._rows, self._columns = grid.rows, grid.columns
 
     def similarity(self, image: Value, T: Value) -> Value:
         """The median correlation of the cells, of an image that is prepared, at a motion."""

@@ -171,18 +171,21 @@ class CellGrid:
     """A grid of cells over images of one shape."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
-        counts = [min(max(n // _LEAST_CELL, 1), N_CELLS) for n in shape]
-        self.starts = [np.arange(k) * n // k for n, k in zip(shape, counts, strict=True)]
-        self.sizes = [np.diff([*starts, n]) for starts, n in zip(self.starts, shape, strict=True)]
+        self.rows, self.columns = (self._members(n) for n in shape)
+
+    @staticmethod
+    def _members(n: int) -> Array:
+        """Which of n pixels along a side are in each cell, (n_cells, n), 1 or 0."""
+        k = min(max(n // _LEAST_CELL, 1), N_CELLS)
+        return np.repeat(np.eye(k), np.diff(np.arange(k + 1) * n // k), axis=1)
 
     def sum(self, values: NDArray[Any]) -> Array:
         """The sum over each cell, of one field or of several."""
-        rows = np.add.reduceat(values, self.starts[0], axis=-2, dtype=float)
-        return np.asarray(np.add.reduceat(rows, self.starts[1], axis=-1))
+        return np.asarray(self.rows @ values @ self.columns.T)
 
     def spread(self, values: Array) -> Array:
         """The value of its cell for every pixel."""
-        return np.repeat(np.repeat(values, self.sizes[0], axis=0), self.sizes[1], axis=1)
+        return np.asarray(self.rows.T @ values @ self.columns)
 
     def match(self, image: Floats, expected: Floats, weights: Floats) -> _Matched:
         """Compare two images cell by cell, whatever the gain and the offset of each cell."""
