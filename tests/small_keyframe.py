@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from servoscope.dofs import mask_of
-from servoscope.keyframe import CameraModel, Keyframe
+from servoscope.keyframe import CameraModel, Keyframe, fitting
 from servoscope.poses import DOFS, poses_from_displacements, rigid_transform
 from servoscope.positioning.first_guess import FirstGuess
 from servoscope.positioning.keyframe_model import KeyframeModel
@@ -59,10 +59,13 @@ def small_model(
 
 
 @contextmanager
-def few_first_guesses(n_rendered: int = 400) -> Iterator[None]:
-    """Learn first guesses from few rendered images, where they are not the matter."""
+def quick_fits(n_rendered: int = 400) -> Iterator[None]:
+    """Learn first guesses from few rendered images and fit the relief at 64 pixels of width, where
+    neither is the matter.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(FirstGuess.train.__kwdefaults__, "n_rendered", n_rendered)
+        patch.setattr(fitting, "_RELIEF_LEVELS", ((48, 1.0, 32), (64, 1.0, 24)))
         yield
 
 

@@ -1,11 +1,13 @@
-"""The command line where a study has few small nets, and simulated images are of a plane."""
+"""The command line where a study has few small nets, its criteria select few features, and
+simulated images are of a plane.
+"""
 
 import sys
 from dataclasses import fields
 
 from servoscope.acquisition import AcquisitionConfig
 from servoscope.cli import main
-from servoscope.study import StudyConfig
+from servoscope.study import StudyConfig, criteria
 
 SMALL = {
     StudyConfig: {"n_thresholds": 4, "hidden": 4, "restarts": 1},
@@ -19,6 +21,7 @@ def make_small(set_attribute=setattr) -> None:
     for config, values in SMALL.items():
         defaults = tuple(values.get(field.name, field.default) for field in fields(config))
         set_attribute(config.__init__, "__defaults__", defaults)
+    set_attribute(criteria, "SIZES", (2, 8))
 
 
 if __name__ == "__main__":

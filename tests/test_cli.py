@@ -32,15 +32,15 @@ def start(*arguments: str, **options) -> subprocess.Popen:
     return subprocess.Popen(command, start_new_session=True, **pipes, **options)
 
 
-def start_study(run: Path, finished: Path, moment: str) -> subprocess.Popen:
+def start_study(run: Path, finished: Path, moment: str, *options: str) -> subprocess.Popen:
     """Begin the study; with the images of another one where it is to be stopped after those."""
     if moment == "dataset/acquisition.json":
-        return start(*STUDY, "--out", str(run))
+        return start(*STUDY, *options, "--out", str(run))
     for part in ("config.json", "stages/acquire.json"):
         (run / part).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(finished / part, run / part)
     shutil.copytree(finished / "dataset", run / "dataset")
-    return start(*STUDY, "--out", str(run), "--resume")
+    return start(*STUDY, *options, "--out", str(run), "--resume")
 
 
 def wait_for(path: Path, process: subprocess.Popen) -> None:
@@ -125,7 +125,7 @@ def write_page(run: Path, **_: object) -> None:
 @pytest.mark.parametrize("moment", ["dataset/acquisition.json", "models"])
 def test_a_killed_study_resumes_to_the_same_summary(finished, tmp_path, monkeypatch, moment):
     run = tmp_path / "run"
-    process = start_study(run, finished, moment)
+    process = start_study(run, finished, moment, *ALONE)
     wait_for(run / moment, process)
     kill(process)
     assert not (run / "report.html").exists()
@@ -155,7 +155,7 @@ def test_an_interrupted_study_says_so_in_one_line_and_can_be_resumed(
 def test_report_needs_the_run_folder_only(finished, tmp_path, capsys):
     moved = tmp_path / "moved"
     shutil.copytree(finished, moved, ignore=shutil.ignore_patterns("dataset", "report.html"))
-    assert main(["report", str(moved), "--json"]) == 0
+    assert main(["report", str(moved), *ALONE, "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"report": str(moved / "report.html")}
     assert (moved / "report.html").exists()
 
@@ -345,9 +345,9 @@ def test_a_killed_replacement_leaves_the_old_set_and_goes_on(tmp_path):
 def test_a_killed_process_is_one_line_and_the_command_goes_on(tmp_path):
     """Images so small that a message is sent at once: half of one would leave all waiting."""
     data = tmp_path / "data"
-    command = ["acquire", str(data), "--n-images", "500", "--image-size", "40", "--jobs", "2"]
+    command = ["acquire", str(data), "--n-images", "500", "--image-size", "40"]
     command += ["--part", "textured_plane"]
-    process = start(*command)
+    process = start(*command, "--jobs", "2")
     wait_for(data / "images.zarr" / "c", process)
     listed = subprocess.run(
         ["ps", "-ww", "-eo", "pid=,ppid=,args="], capture_output=True, text=True, timeout=LONG
@@ -368,7 +368,7 @@ def test_a_killed_process_is_one_line_and_the_command_goes_on(tmp_path):
     assert "Traceback" not in err
     assert err.splitlines()[-1].startswith("servoscope: A process was killed, most likely")
     assert json.loads((data / "acquisition.json").read_text())["n_done"] >= 25
-    assert main(command) == 0
+    assert main([*command, *ALONE]) == 0
     assert len(PoseImageSet.load(data)) == 500
 
 

@@ -21,11 +21,11 @@ FAMILIES = ("--families", "moments,log_polar")
 KEYS = {"forecast_rms", "interval", "reached_rms", "unit", "limited_by", "best_features", "advice"}
 
 
-def assess(data, folder: Path, *options: str, jobs: str = "1") -> tuple[int, Path]:
+def assess(data, folder: Path, *options: str) -> tuple[int, Path]:
     data.save(folder / "data")
     run = folder / "run"
     command = ["assess", str(folder / "data"), "--out", str(run), "--families", "moments"]
-    return main([*command, "--protocol", "honest", "--jobs", jobs, *options]), run
+    return main([*command, "--protocol", "honest", "--jobs", "1", *options]), run
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -42,6 +42,12 @@ def without_view(monkeypatch):
     monkeypatch.setattr(begun, lambda *_, **__: iter([(None, [])]))
 
 
+@pytest.fixture
+def without_page(monkeypatch):
+    """No figures are drawn, where nobody looks at them."""
+    monkeypatch.setattr("servoscope.commands.run_study.write_report", lambda *_, **__: None)
+
+
 ASKED = (*FAMILIES, "--study", "--want", "t=1mm,rz=60deg")
 
 
@@ -49,7 +55,7 @@ ASKED = (*FAMILIES, "--study", "--want", "t=1mm,rz=60deg")
 def finished(tmp_path_factory):
     """A run with a study."""
     folder = tmp_path_factory.mktemp("assess")
-    code, run = assess(planar_data_set(144, 24), folder, *ASKED, jobs="2")
+    code, run = assess(planar_data_set(144, 24), folder, *ASKED)
     assert code == 0
     return run
 
@@ -78,7 +84,7 @@ def test_its_study_is_the_study_of_these_images(finished, tmp_path):
     assert beside["protocols"] == alone["protocols"]
 
 
-@pytest.mark.usefixtures("without_view")
+@pytest.mark.usefixtures("without_view", "without_page")
 def test_the_pipeline_of_the_choice_is_saved_with_what_is_known_of_it(tmp_path):
     data = planar_data_set(80, 16)
     code, run = assess(data, tmp_path)
@@ -126,7 +132,7 @@ def test_the_terminal_shows_the_decision_and_where_the_report_is(tmp_path, capsy
     assert summary["protocols"] == {}
     assert "at least 144 images" in summary["study_left_out"]
     assert "at least 144 images" in (run / "report.html").read_text()
-    assert main(["report", str(run)]) == 0
+    assert main(["report", str(run), "--jobs", "1"]) == 0
     capsys.readouterr()
     assert main(["info", str(run), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["finished"] is True
@@ -167,7 +173,7 @@ def test_what_cannot_be_read_is_said_in_one_line(tmp_path, capsys, options, said
     assert not out.exists()
 
 
-@pytest.mark.usefixtures("without_view")
+@pytest.mark.usefixtures("without_view", "without_page")
 @pytest.mark.slow
 def test_the_study_of_what_turns_out_a_sequence_is_not_split_at_random(tmp_path, capsys):
     data = planar_data_set(160, 16)
@@ -178,12 +184,12 @@ def test_the_study_of_what_turns_out_a_sequence_is_not_split_at_random(tmp_path,
         images=planar_images(delta_p, 16, seed=0),
         T_world_cam=poses_from_displacements(data.T_world_ref, delta_p, data.pivot),
     )
-    code, run = assess(path, tmp_path)
+    code, run = assess(path, tmp_path, "--dofs", "tx")
     assert code == 0
     assert json.loads((run / "summary.json").read_text())["dataset"]["split"] == "blocks"
 
 
-@pytest.mark.usefixtures("without_view")
+@pytest.mark.usefixtures("without_view", "without_page")
 def test_what_is_known_of_one_dof_leaves_the_simulated_errors_of_the_others(tmp_path, capsys):
     known = {"repeatability_mm": 0.5, "repeatability_deg": 0.5}
     data = planar_data_set(60, 16, source=known)
@@ -195,7 +201,7 @@ def test_what_is_known_of_one_dof_leaves_the_simulated_errors_of_the_others(tmp_
         assert share == pytest.approx((label / told[dof]["forecast_rms"]) ** 2, rel=1e-6)
 
 
-@pytest.mark.usefixtures("without_view")
+@pytest.mark.usefixtures("without_view", "without_page")
 def test_dofs_that_are_named_are_assessed_alone(tmp_path, capsys):
     options = ["--dofs", "tx,rz", "--tolerance", "t=1mm", "--json"]
     code, run = assess(planar_data_set(64, 16), tmp_path, *options)

@@ -17,7 +17,7 @@ from servoscope.poses import (
 from servoscope.positioning import PositioningModel
 from servoscope.storage.model_folder import read_model
 from servoscope.wording import plain_number
-from small_keyframe import few_first_guesses
+from small_keyframe import quick_fits
 
 
 @pytest.fixture(scope="module")
@@ -25,9 +25,9 @@ def cell(tmp_path_factory):
     """A folder with a data set, its assessment, and a model that was trained on both."""
     folder = tmp_path_factory.mktemp("cell")
     data, run, model = (str(folder / name) for name in ("data", "run", "model"))
-    assert main(["acquire", data, "--image-size", "64", "--schedule", "60@1.6"]) == 0
-    assert main(["assess", data, "--out", run, "--families", "moments", "--jobs", "1"]) == 0
-    with few_first_guesses():
+    assert main(["acquire", data, "--image-size", "64", "--schedule", "60@1.6", "--jobs", "1"]) == 0
+    with quick_fits():
+        assert main(["assess", data, "--out", run, "--families", "moments", "--jobs", "1"]) == 0
         assert main(["train", data, "--assessment", run, "--out", model, "--jobs", "1"]) == 0
     return folder
 

@@ -34,7 +34,7 @@ from servoscope.positioning.keyframe_model import NOT_SEEN
 from servoscope.positioning.training import Assessed
 from servoscope.scene.disturbances import Disturbances
 from servoscope.storage.model_folder import read_model, write_model
-from small_keyframe import few_first_guesses
+from small_keyframe import quick_fits
 
 N_IMAGES = 30
 
@@ -301,7 +301,7 @@ def test_images_of_other_poses_are_refused(data) -> None:
     few = data.subset(np.arange(16))
     shuffled = replace(few, images=few.images[np.random.default_rng(0).permutation(16)])
     known = Calibration(camera=CameraModel(1.4, 0.5 / SIZE, 0.5 / SIZE))
-    with few_first_guesses(), pytest.raises(DataSetError, match="no robot may be moved"):
+    with quick_fits(), pytest.raises(DataSetError, match="no robot may be moved"):
         train(shuffled, calibration=known, n_jobs=1)
 
 

@@ -33,7 +33,7 @@ from servoscope.rehearsal import Rehearsal
 from servoscope.robots.registry import make_robot
 from servoscope.scoreboard.cell import robot_in_cell
 from servoscope.storage.model_folder import read_model, write_model
-from small_keyframe import few_first_guesses
+from small_keyframe import quick_fits
 
 GANTRY = ("tx", "ty", "rz")
 STILL = ~mask_of(GANTRY)
@@ -84,7 +84,7 @@ def data() -> PoseImageSet:
 
 @pytest.fixture(scope="module")
 def model(data) -> KeyframeModel:
-    with few_first_guesses():
+    with quick_fits():
         return train(data, calibration=KNOWN, n_jobs=1)
 
 
