@@ -62,6 +62,12 @@ def model(data) -> KeyframeModel:
         return train(data, n_jobs=1)
 
 
+@pytest.fixture
+def quick():
+    with quick_fits():
+        yield
+
+
 @pytest.mark.slow
 def test_few_images_make_a_keyframe_that_reads_those_held_out(model) -> None:
     assert isinstance(model, KeyframeModel)
@@ -297,15 +303,18 @@ def test_pixels_that_no_image_held_out_shows_are_saved_as_not_seen(model, tmp_pa
 
 
 @pytest.mark.slow
-def test_images_of_other_poses_are_refused(data) -> None:
+@pytest.mark.usefixtures("quick")
+def test_images_of_other_poses_are_refused_before_a_model_is_made(data, monkeypatch) -> None:
     few = data.subset(np.arange(16))
     shuffled = replace(few, images=few.images[np.random.default_rng(0).permutation(16)])
     known = Calibration(camera=CameraModel(1.4, 0.5 / SIZE, 0.5 / SIZE))
-    with quick_fits(), pytest.raises(DataSetError, match="no robot may be moved"):
+    monkeypatch.setattr(KeyframeModel, "of_readings", lambda *_: pytest.fail("a model is made"))
+    with pytest.raises(DataSetError, match="no robot may be moved"):
         train(shuffled, calibration=known, n_jobs=1)
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick")
 def test_its_accuracy_is_that_of_the_test_images_of_an_assessment(data, monkeypatch) -> None:
     given = {}
 

@@ -85,13 +85,29 @@ def is_of_use(error_shares: Mapping[str, float]) -> bool:
     return 2 * len(_unobservable(error_shares)) <= len(error_shares)
 
 
+def check_use(error_shares: Mapping[str, float]) -> None:
+    """Refuse what predicts images held out no better than by their mean in most dofs.
+
+    Parameters
+    ----------
+    error_shares : mapping of str to float
+        By dof: RMS error of images held out, as a share of that of their mean.
+
+    Raises
+    ------
+    DataSetError
+    """
+    if not is_of_use(error_shares):
+        raise DataSetError(f"{_found(error_shares)}; no robot may be moved by that: {ADVICE}.")
+
+
 def check_observable(error_shares: Mapping[str, float]) -> None:
     """Say which dofs a model cannot predict, or refuse one that is of no use.
 
     Parameters
     ----------
     error_shares : mapping of str to float
-        By dof: RMS error of images held out, as a share of that of their mean.
+        As of `check_use`.
 
     Raises
     ------
@@ -103,20 +119,20 @@ def check_observable(error_shares: Mapping[str, float]) -> None:
     ServoscopeWarning
         If some are.
     """
-    unobservable = _unobservable(error_shares)
-    if not unobservable:
-        return
-    shown = ", ".join(f"{dof} {error_shares[dof]:.2f}" for dof in unobservable)
-    found = (
+    check_use(error_shares)
+    if _unobservable(error_shares):
+        warnings.warn(
+            f"{_found(error_shares)}; rely on no accuracy in these dofs: {ADVICE}.",
+            ServoscopeWarning,
+            stacklevel=3,
+        )
+
+
+def _found(error_shares: Mapping[str, float]) -> str:
+    shown = ", ".join(f"{dof} {error_shares[dof]:.2f}" for dof in _unobservable(error_shares))
+    return (
         f"Images held out are predicted hardly better than by their mean in {shown} (error as a "
         f"share of the mean's, at most {LEAST_GAIN:g})"
-    )
-    if not is_of_use(error_shares):
-        raise DataSetError(f"{found}; no robot may be moved by that: {ADVICE}.")
-    warnings.warn(
-        f"{found}; rely on no accuracy in these dofs: {ADVICE}.",
-        ServoscopeWarning,
-        stacklevel=3,
     )
 
 

@@ -23,7 +23,7 @@ from servoscope.poses import (
     inverse_transform,
     poses_from_displacements,
 )
-from servoscope.positioning.accuracy import describe_errors, deviation_factor, read_right
+from servoscope.positioning.accuracy import check_use, describe_errors, deviation_factor, read_right
 from servoscope.positioning.calibration import Calibration
 from servoscope.positioning.first_guess import FirstGuess
 from servoscope.positioning.interfaces import Array, Estimate, Image
@@ -140,7 +140,8 @@ class KeyframeModel(PositioningModel):
         Raises
         ------
         DataSetError
-            If there are too few images, or no keyframe explains them.
+            If there are too few images, no keyframe explains them, or those held out are read no
+            better than by their mean in most dofs.
         """
         if len(data) < LEAST_IMAGES:
             raise DataSetError(
@@ -161,6 +162,8 @@ class KeyframeModel(PositioningModel):
                     similarity_by=recogniser, n_jobs=n_jobs, **options,
                 )  # fmt: skip
                 held_out = HeldOutReadings(readings, shown.delta_p()[held])
+            errors, truth = held_out.readings.errors, held_out.truth
+            check_use(describe_errors(errors, truth, data.dofs, data.ranges())["error_shares"])
             tell(1)
             keyframe = Keyframe.fit(*taken, *reference, **options)
             tell(2)
