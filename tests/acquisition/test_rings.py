@@ -61,7 +61,7 @@ def test_a_longer_ring_begins_with_the_same_images(tmp_path: Path, whole: PoseIm
 
 
 def test_one_ring_at_factor_1_is_what_no_schedule_takes(tmp_path: Path) -> None:
-    same = {"image_size": 16, "seed": 5, "n_reference_images": 1}
+    same = {**SMALL, "seed": 5, "n_reference_images": 1}
     ring = acquire(tmp_path / "ring", AcquisitionConfig(schedule=((4, 1.0),), **same), n_jobs=1)
     plain = acquire(tmp_path / "plain", AcquisitionConfig(4, **same), n_jobs=1)
     assert_same(ring, plain)

@@ -28,6 +28,7 @@ from servoscope.poses import (
     inverse_transform,
     poses_from_displacements,
 )
+from small_keyframe import quick_fits
 
 PIVOT = 0.1
 RANGES = np.array([0.02] * 3 + [np.radians(8)] * 3)
@@ -62,7 +63,7 @@ def fitted_once():
             found[key] = fit(images, poses, reference_image, T_world_ref, request, *settings)
         return replace(found[key], request=request)
 
-    with pytest.MonkeyPatch.context() as patch:
+    with quick_fits(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(acquisition_until, "_standing", standing)
         yield
 
@@ -237,7 +238,7 @@ def test_a_kill_at_any_image_loses_none_and_ends_with_the_same(tmp_path: Path, c
 def test_what_is_replaced_leaves_no_images_that_an_unfinished_acquisition_kept(tmp_path):
     write_progress(tmp_path, Progress({"until": "other"}, 1))
     keep_image(tmp_path, 0, np.zeros((48, 48), np.uint8), np.eye(4), 0)
-    config = AcquisitionConfig(n_images=2, image_size=48)
+    config = AcquisitionConfig(n_images=2, image_size=48, part="textured_plane")
     assert len(acquire(tmp_path, config, n_jobs=1, force=True)) == 2
     assert not (tmp_path / KEPT_IMAGES).exists()
 

@@ -14,8 +14,15 @@ from servoscope.errors import InvalidInputError
 from servoscope.poses import poses_from_displacements
 from servoscope.processes import no_progress
 from servoscope.selection import forecast_errors
+from small_keyframe import quick_fits
 
 N_RENDERED = 128
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _quick():
+    with quick_fits():
+        yield
 
 
 @pytest.fixture(scope="module")
