@@ -60,11 +60,13 @@ def small_model(
 
 @contextmanager
 def quick_fits(n_rendered: int = 400) -> Iterator[None]:
-    """Learn first guesses from few rendered images and fit the relief at 64 pixels of width, where
-    neither is the matter.
+    """Learn first guesses from few rendered images, search the mount among few turns, and fit the
+    relief at 64 pixels of width, where that is not the matter.
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(FirstGuess.train.__kwdefaults__, "n_rendered", n_rendered)
+        patch.setattr(fitting, "_N_ROTATIONS", 150)
+        patch.setattr(fitting, "_N_STARTS", 6)
         patch.setattr(fitting, "_RELIEF_LEVELS", ((48, 1.0, 32), (64, 1.0, 24)))
         yield
 
