@@ -140,15 +140,12 @@ def _scatter(
     count = 0
     for face in range(triangles.shape[0]):
         a, b, c = _longest_first(vertices, triangles[face])
-        ab, ac = b - a, c - a
-        normal = np.array(
-            [
-                ab[1] * ac[2] - ab[2] * ac[1],
-                ab[2] * ac[0] - ab[0] * ac[2],
-                ab[0] * ac[1] - ab[1] * ac[0],
-            ]
-        )
-        area, base = np.sqrt((normal**2).sum()), np.sqrt((ab**2).sum())
+        ab, ac = _side(vertices, a, b), _side(vertices, a, c)
+        nx = ab[1] * ac[2] - ab[2] * ac[1]
+        ny = ab[2] * ac[0] - ab[0] * ac[2]
+        nz = ab[0] * ac[1] - ab[1] * ac[0]
+        normal = (nx, ny, nz)
+        area, base = np.sqrt(_square(normal)), np.sqrt(_square(ab))
         n_rows = 2 + int(area / base / _SPACING)
         for row in range(n_rows):
             t = _INSET + (1 - 2 * _INSET) * np.float32(row / (n_rows - 1))
@@ -156,17 +153,36 @@ def _scatter(
             for column in range(n_columns):
                 s = _INSET + (1 - 2 * _INSET) * np.float32(column / (n_columns - 1))
                 if count < len(faces):
-                    points[count] = a + s * (1 - t) * ab + t * ac + LIFT / area * normal
+                    for k in range(3):
+                        along = vertices[a, k] + s * (1 - t) * ab[k] + t * ac[k]
+                        points[count, k] = along + LIFT / area * normal[k]
                     faces[count] = face
                 count += 1
     return count
 
 
-@compiled()
+@njit(inline="always")
+def _side(vertices, i, j):  # type: ignore[no-untyped-def]
+    """From one corner to another."""
+    x, y, z = vertices[i, 0], vertices[i, 1], vertices[i, 2]
+    return vertices[j, 0] - x, vertices[j, 1] - y, vertices[j, 2] - z
+
+
+@njit(inline="always")
+def _square(side):  # type: ignore[no-untyped-def]
+    x, y, z = side
+    return np.float32(x * x) + np.float32(y * y) + np.float32(z * z)
+
+
+@njit(inline="always")
 def _longest_first(vertices, triangle):  # type: ignore[no-untyped-def]
     """The corners of a triangle, in its order of turning, with its longest side first."""
-    a, b, c = vertices[triangle[0]], vertices[triangle[1]], vertices[triangle[2]]
-    ab, bc, ca = ((b - a) ** 2).sum(), ((c - b) ** 2).sum(), ((a - c) ** 2).sum()
+    a, b, c = triangle[0], triangle[1], triangle[2]
+    ab, bc, ca = (
+        _square(_side(vertices, a, b)),
+        _square(_side(vertices, b, c)),
+        _square(_side(vertices, c, a)),
+    )
     if bc > ab and bc >= ca:
         return b, c, a
     if ca > ab and ca > bc:
