@@ -15,6 +15,7 @@ from servoscope.pipeline import PosePipeline
 from servoscope.poses import DISPLAY_FACTORS, DOFS, poses_from_displacements
 from servoscope.storage.run_folder import open_run_folder, read_json
 from servoscope.study import Study, StudyConfig
+from small_keyframe import quick_fits
 from small_study import make_small
 
 FAMILIES = ("--families", "moments,log_polar")
@@ -30,7 +31,7 @@ def assess(data, folder: Path, *options: str) -> tuple[int, Path]:
 
 @pytest.fixture(scope="module", autouse=True)
 def _small():
-    with pytest.MonkeyPatch.context() as patch:
+    with quick_fits(), pytest.MonkeyPatch.context() as patch:
         make_small(patch.setattr)
         yield
 

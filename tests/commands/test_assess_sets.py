@@ -70,7 +70,7 @@ def test_each_set_is_a_row_and_one_that_cannot_be_read_its_reason(alone, sets):
 
 @pytest.mark.slow
 def test_the_page_leads_to_the_report_of_every_set(alone, capsys):
-    assert main(["report", str(alone)]) == 0
+    assert main(["report", str(alone), "--jobs", "1"]) == 0
     page = check_page(alone / "report.html")
     links = [a["href"] for a in page.all("a") if not a["href"].startswith("#")]
     assert sorted(links) == [f"sets/set{i}/report.html" for i in (0, 1)]
