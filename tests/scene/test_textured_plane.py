@@ -5,6 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from servoscope.errors import InvalidInputError
 from servoscope.poses import inverse_transform, poses_from_displacements, rigid_transform
@@ -160,3 +161,14 @@ def test_what_is_repainted_is_that_share_of_the_surface_and_the_rest_stays(
 def test_a_share_that_is_none_is_refused(share: float) -> None:
     with pytest.raises(InvalidInputError, match="repainted must be from 0 to 1"):
         TexturedPlane(repainted=share)
+
+
+@pytest.mark.parametrize("image_size", [16, 24])
+def test_what_is_seen_nearly_edge_on_has_the_greys_of_the_plane(image_size):
+    scene = Scene(TexturedPlane(), ONLY_AMBIENT, PINHOLE, image_size=image_size)
+    low, high = ALBEDO_LIMITS
+    for tilt in np.radians(np.arange(60, 80)):
+        T = T_WORLD_REF @ rigid_transform(Rotation.from_euler("x", tilt).as_matrix(), np.zeros(3))
+        seen = render_radiance(scene, T)
+        assert (seen > 0).any()
+        assert (((low <= seen) & (seen <= high)) | (seen == 0)).all()

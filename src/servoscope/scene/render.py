@@ -81,8 +81,8 @@ def _shade(
 @njit(inline="always")
 def _albedo_at(texels, starts, x, y, width):  # type: ignore[no-untyped-def]
     """The texture at a point, smoothed over a width in texels, read between two of its copies."""
-    finer, coarsest = np.int32(0), np.int32(starts.size - 2)
-    while width >= 2 and finer < coarsest:
+    finer, last_but_one = np.int32(0), np.int32(starts.size - 2)
+    while width >= 2 and finer < last_but_one:
         width *= np.float32(0.5)
         finer += np.int32(1)
     share = min(max(width - np.float32(1), np.float32(0)), np.float32(1))

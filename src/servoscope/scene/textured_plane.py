@@ -103,7 +103,7 @@ def pyramid_of(part: TexturedPlane) -> Pyramid:
     copies = [part.albedo()]
     while len(copies[-1]) > 8:
         copies.append(_halved(copies[-1]))
-    starts = np.cumsum([0, *(copy.size for copy in copies)])
+    starts = np.cumsum([0, *(copy.size for copy in copies[:-1])])
     return Pyramid(np.concatenate([copy.ravel() for copy in copies]), starts.astype(np.int32))
 
 
