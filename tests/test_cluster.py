@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -129,6 +130,7 @@ def scheduler(tmp_path):
         stderr=subprocess.DEVNULL,
         text=True,
         start_new_session=True,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])},  # calls are of this file
     )
     with process:
         yield process, process.stdout.readline().strip()
