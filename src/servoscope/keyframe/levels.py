@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
-from scipy.linalg import LinAlgError, block_diag, lapack
+from scipy.linalg import block_diag, lapack
 from scipy.spatial.transform import Rotation
 
 from servoscope.compiled import compiled
@@ -401,8 +401,6 @@ class Level:
 
 
 def _solved(H: Array, g: Array) -> Array:
-    """The solution of equations of a positive definite matrix."""
+    """The solution of equations whose matrix is positive definite, but for rounding."""
     _, solution, failed = lapack.dposv(H, g)
-    if failed:
-        raise LinAlgError("The normal equations are not positive definite.")
-    return np.asarray(solution)
+    return np.asarray(np.linalg.solve(H, g) if failed else solution)
