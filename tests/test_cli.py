@@ -345,7 +345,7 @@ def test_a_killed_replacement_leaves_the_old_set_and_goes_on(tmp_path):
 def test_a_killed_process_is_one_line_and_the_command_goes_on(tmp_path):
     """Images so small that a message is sent at once: half of one would leave all waiting."""
     data = tmp_path / "data"
-    command = ["acquire", str(data), "--n-images", "500", "--image-size", "40"]
+    command = ["acquire", str(data), "--n-images", "2000", "--image-size", "40"]
     command += ["--part", "textured_plane"]
     process = start(*command, "--jobs", "2")
     wait_for(data / "images.zarr" / "c", process)
@@ -369,7 +369,7 @@ def test_a_killed_process_is_one_line_and_the_command_goes_on(tmp_path):
     assert err.splitlines()[-1].startswith("servoscope: A process was killed, most likely")
     assert json.loads((data / "acquisition.json").read_text())["n_done"] >= 25
     assert main([*command, *ALONE]) == 0
-    assert len(PoseImageSet.load(data)) == 500
+    assert len(PoseImageSet.load(data)) == 2000
 
 
 @pytest.mark.parametrize(
