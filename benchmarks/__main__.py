@@ -20,6 +20,7 @@ KERNELS = (
     "forecast",
     "regressors",
     "images",
+    "compiling",
     "study",
     "photometric",
     "faults",

@@ -1,4 +1,4 @@
-"""What one decision of the loop takes, and its parts.
+"""What one decision of the loop takes, and its parts; what the fit of a keyframe takes.
 
 ``python -m benchmarks decision``: a keyframe of 40 images reads images near the reference, as
 after a move, and from all over the range, as at the start. Processor time of one thread.
@@ -6,17 +6,21 @@ after a move, and from all over the range, as at the start. Processor time of on
 
 from __future__ import annotations
 
+import tempfile
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 
 from benchmarks.few_images import trained
 from benchmarks.scenery import PIVOT, RANGES
 from benchmarks.tables import Findings
+from servoscope import AcquisitionConfig, Keyframe, acquire
 from servoscope.keyframe.alignment import Aligner
 from servoscope.keyframe.levels import Level
 from servoscope.poses import poses_from_displacements
+from servoscope.positioning.keyframe_model import keyframe_options
 from servoscope.processes import one_blas_thread
 from servoscope.scene.render import render
 from servoscope.scene.scene import T_WORLD_REF, Scene
@@ -33,7 +37,7 @@ PARTS: tuple[tuple[type, str], ...] = (
 
 
 def tables(quick: bool) -> Iterator[Findings]:
-    """One table."""
+    """Both tables."""
     n_read, repeats = (5, 2) if quick else (40, 5)
     model, scene, rng = trained("cylinder_head", "free", N_IMAGES), Scene(image_size=SIZE), _rng(1)
     rows = []
@@ -57,6 +61,27 @@ def tables(quick: bool) -> Iterator[Findings]:
         ("camera", "decision", *(method.strip("_") for _, method in PARTS)),
         rows,
     )
+    yield Findings(
+        "Fit of a keyframe",
+        f"Images of {SIZE} x {SIZE} of the cylinder head",
+        ("images", "processor s"),
+        [(str(n), f"{fit_seconds(n):.1f}") for n in ((15,) if quick else (20, 40))],
+    )
+
+
+def fit_seconds(n_images: int) -> float:
+    """Processor time of the second of two fits of a keyframe: the first may compile."""
+    with tempfile.TemporaryDirectory() as folder:
+        data = acquire(Path(folder) / "data", AcquisitionConfig(n_images=n_images))
+    options, seconds = keyframe_options(data), 0.0
+    with one_blas_thread():
+        for _ in range(2):
+            start = time.process_time()
+            Keyframe.fit(
+                data.images, data.T_world_cam, data.reference_image, data.T_world_ref, **options
+            )
+            seconds = time.process_time() - start
+    return seconds
 
 
 def _rng(seed: int) -> np.random.Generator:
