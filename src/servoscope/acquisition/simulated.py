@@ -34,7 +34,6 @@ from servoscope.processes import in_processes
 from servoscope.robots.free_camera import Repeatability
 from servoscope.robots.registry import check_robot, make_robot
 from servoscope.scene.scene import T_WORLD_REF, Scene, make_part
-from servoscope.scene.tracing import Cell, cell_of, take_over
 
 Array = NDArray[np.float64]
 
@@ -301,8 +300,7 @@ def _take_all(
         return
     blocks = _blocks(progress.n_done, config.total())
     n_jobs = n_jobs if len(blocks) > 1 else 1
-    calls = ((config, cell_of(config.scene()), block) for block in blocks)
-    for taken in in_processes(_take_block, calls, n_jobs):
+    for taken in in_processes(_take_block, ((config, block) for block in blocks), n_jobs):
         progress = _write(folder, progress, *taken)
         if on_progress is not None:
             on_progress(progress.n_done)
@@ -374,11 +372,8 @@ def _blocks(start: int, stop: int) -> list[range]:
     return [range(a, b) for a, b in pairwise(edges) if a < b]
 
 
-def _take_block(
-    config: AcquisitionConfig, cell: Cell | None, block: range
-) -> tuple[Images, Array, int]:
+def _take_block(config: AcquisitionConfig, block: range) -> tuple[Images, Array, int]:
     """Images, the poses that the robot reported, and how many draws were replaced."""
-    take_over(config.scene(), cell)
     T_world_ref, displacements = config.reference(), config.displacements()
     taken = [take_image(config, T_world_ref, i, displacements[i]) for i in block]
     images, poses, n_replaced = zip(*taken, strict=True)

@@ -79,9 +79,9 @@ def robust_weights(residuals: NDArray[Any], scale: float, weights: NDArray[Any])
 
 @compiled(fastmath=True, error_model="numpy")
 def slope_share(residuals: NDArray[Any], weights: NDArray[Any], scale: float) -> float:
-    """By how much residuals less than their weights say change the slope of the cost, 1 at most.
+    """Curvature of the robust cost over that of the weighted squares, 1 at most.
 
-    The slope changes by ``w (1 - 3 u) / (1 + u)`` with a residual of the weight ``w``.
+    A residual of the weight ``w`` bends the former by ``w (1 - 3 u) / (1 + u)``, the latter by w.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ class Geometry:
 def geometry_of(part: CylinderHead) -> Geometry:
     """The part's geometry; computed once a process."""
     mesh = part.mesh()
-    tree = tree_of(mesh.vertices, mesh.triangles)
+    tree = _tree(mesh)
     return Geometry(mesh, tree, share_of_sky(tree, mesh.vertices, mesh.normals))
 
 
@@ -68,8 +68,7 @@ def _cosine_directions() -> NDArray[np.float64]:
     return np.c_[r * np.cos(angle), r * np.sin(angle), np.sqrt(1 - r**2)]
 
 
-def tree_of(vertices: Floats, triangles: NDArray[np.int32]) -> Any:
-    """Embree's tree of a mesh, [m]."""
+def _tree(mesh: Mesh) -> Any:
     try:
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
@@ -80,7 +79,7 @@ def tree_of(vertices: Floats, triangles: NDArray[np.int32]) -> Any:
         ) from error
 
     tree = EmbreeScene()  # its robust mode costs 15 % and changes one ray in a million
-    TriangleMesh(tree, vertices, triangles)
+    TriangleMesh(tree, mesh.vertices, mesh.triangles)
     return tree
 
 

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from servoscope.compiled import compiled
 from servoscope.scene.cylinder_head import CylinderHead
-from servoscope.scene.geometry import Table, blockers, face_states, geometry_of, lay_table, tree_of
+from servoscope.scene.geometry import Table, blockers, face_states, geometry_of, lay_table
 from servoscope.scene.lighting import Lighting
 from servoscope.scene.mesh import grain_tile, material_table
 from servoscope.scene.scene import Scene
 from servoscope.scene.shading import Doubts, Part, add_unblocked, shade
-from servoscope.scene.textured_plane import TexturedPlane
 from servoscope.scene.visibility import Outlines, RayGrid, first_hits, outlines, ray_grid
 
 Floats = NDArray[np.float32]
@@ -69,22 +68,20 @@ def traced_radiance(scene: Scene, part: CylinderHead, T_world_cam: Floats) -> Fl
     """
     size, lens = scene.image_size, scene.lens
     n = size * -(-FEWEST_SAMPLES // size)
-    cell, tree = _cell(part, scene.lighting)
+    cell = _cell(part, scene.lighting)
     seen = outlines(cell.part.vertices, cell.part.triangles, T_world_cam, lens, n)
     everywhere = np.arange(n * n, dtype=np.int32)
-    middle = _trace(cell, tree, seen, ray_grid(lens, n, 0.0, 0.0), T_world_cam, everywhere)
+    middle = _trace(cell, seen, ray_grid(lens, n, 0.0, 0.0), T_world_cam, everywhere)
     radiance = middle.copy()
     for down, along in ((0, 1), (1, 0)):
         pixels = steep_pixels(middle.reshape(n, n), down, along, CONTRAST)
         grid = ray_grid(lens, n, along / 2, down / 2)
-        between = _trace(cell, tree, seen, grid, T_world_cam, pixels)
+        between = _trace(cell, seen, grid, T_world_cam, pixels)
         average_in(middle, between, pixels, down * n + along, radiance)
     return radiance.reshape(size, n // size, size, n // size).mean(axis=(1, 3))
 
 
-def _trace(
-    cell: Cell, tree: Any, seen: Outlines, grid: RayGrid, pose: Floats, pixels: Integers
-) -> Floats:
+def _trace(cell: _Cell, seen: Outlines, grid: RayGrid, pose: Floats, pixels: Integers) -> Floats:
     """Radiance along the rays of some pixels."""
     rotation, centre = np.ascontiguousarray(pose[:3, :3]), np.ascontiguousarray(pose[:3, 3])
     hits = first_hits(seen, grid, pixels)
@@ -97,46 +94,21 @@ def _trace(
         np.empty(n_doubts, np.float32),
     )
     count = shade(hits, pixels, grid, rotation, centre, cell.part, cell.table, radiance, doubts)
-    blocker = blockers(tree, doubts.origins[:count], doubts.ways[:count])
+    blocker = blockers(cell.tree, doubts.origins[:count], doubts.ways[:count])
     add_unblocked(blocker, doubts.ray_of, doubts.gain, radiance)
     return radiance
 
 
-class Cell(NamedTuple):
-    """All that rays need of a part on its table under lamps, but for Embree's tree."""
+class _Cell(NamedTuple):
+    """All that rays need of a scene."""
 
+    tree: Any
     part: Part
     table: Table
 
 
-def cell_of(scene: Scene) -> Cell | None:
-    """The cell of a scene, to be handed to other processes, or None if it needs none."""
-    return None if isinstance(scene.part, TexturedPlane) else _cell(scene.part, scene.lighting)[0]
-
-
-def take_over(scene: Scene, cell: Cell | None) -> None:
-    """Have this process use a scene's cell that another one made."""
-    key = scene.part, scene.lighting
-    if cell is not None and key not in _TAKEN_OVER:
-        _TAKEN_OVER[key] = Cell(Part(*map(_own, cell.part)), Table(*map(_own, cell.table)))
-
-
-_TAKEN_OVER: dict[tuple[Any, Lighting], Cell] = {}
-
-
-def _own(value: Any) -> Any:
-    """A copy of an array, which other processes may share for reading; kernels are compiled for
-    those that can be written.
-    """
-    return value.copy() if isinstance(value, np.ndarray) and not value.flags.writeable else value
-
-
 @lru_cache(maxsize=4)
-def _cell(part: CylinderHead, lighting: Lighting) -> tuple[Cell, Any]:
-    """The cell and its tree."""
-    if (part, lighting) in _TAKEN_OVER:
-        cell = _TAKEN_OVER[part, lighting]
-        return cell, tree_of(cell.part.vertices, cell.part.triangles)
+def _cell(part: CylinderHead, lighting: Lighting) -> _Cell:
     geometry = geometry_of(part)
     mesh = geometry.mesh
     shaded = Part(
@@ -149,4 +121,4 @@ def _cell(part: CylinderHead, lighting: Lighting) -> tuple[Cell, Any]:
         material_table(),
         grain_tile(),
     )
-    return Cell(shaded, lay_table(geometry, lighting)), geometry.tree
+    return _Cell(geometry.tree, shaded, lay_table(geometry, lighting))
