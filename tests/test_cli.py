@@ -222,14 +222,21 @@ def test_called_from_python_it_leaves_ctrl_c_as_it_was(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_command_that_is_ended_while_processes_share_arrays_says_one_line(number):
+@pytest.mark.parametrize("moment", ["a result is taken", "a call is handed out"])
+def test_a_command_that_is_ended_while_processes_share_arrays_says_one_line(number, moment):
     program = (
-        "import os, sys, numpy as np, servoscope.cli as cli, servoscope.commands.info as info\n"
+        "import os, sys, time, numpy as np\n"
+        "import servoscope.cli as cli, servoscope.commands.info as info\n"
         "from servoscope.processes import in_processes\n"
+        f"end = lambda moment: moment == {moment!r} and os.kill(os.getpid(), {int(number)})\n"
+        "def calls():\n"
+        "    for i in range(9):\n"
+        "        i == 5 and end('a call is handed out')\n"
+        "        yield (np.full(300_000, float(i)),)\n"
         "def ended():\n"
-        "    calls = ((np.full(300_000, float(i)),) for i in range(9))\n"
-        "    for _ in in_processes(np.sum, calls, 2):\n"
-        f"        os.kill(os.getpid(), {int(number)})\n"
+        "    for _ in in_processes(np.sum, calls(), 2):\n"
+        "        end('a result is taken')\n"
+        "        time.sleep(0.2)\n"
         "info.describe_installation = ended\n"
         "sys.argv[1:] = ['info']\n"
         "sys.exit(cli.main())"

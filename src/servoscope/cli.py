@@ -50,6 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if is_whole_process:
         prepare_streams()
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # as tidy as Ctrl-C
+        sys.warnoptions.append("ignore:resource_tracker:UserWarning")  # of a process that clears up
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in arguments
     arguments = [argument for argument in arguments if argument != "--debug"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import queue
 import signal
 import sys
 import threading
@@ -10,10 +11,11 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import cache
 from multiprocessing.connection import wait
 from typing import Any
+from weakref import WeakSet
 
 from threadpoolctl import ThreadpoolController
 
@@ -41,6 +43,28 @@ with warnings.catch_warnings():
 WATCH_INTERVAL = 0.5
 """How often a process looks whether the one that started it is still there, and that one whether
 its processes are, [s]."""
+
+
+class _Parallel(joblib.Parallel):
+    """joblib's, given up without a traceback of the thread that hands out its calls.
+
+    joblib forgets the calls before their numbers, and then looks for a call whose number was left.
+    """
+
+    def _abort(self) -> None:
+        with self._lock:
+            self._aborting = True  # no call is added from here on
+        executor = getattr(self._backend, "_workers", None)
+        if executor is None:
+            return
+        with suppress(queue.Empty):
+            while True:
+                executor._work_ids.get_nowait()
+        super()._abort()
+
+
+_parallels: WeakSet[_Parallel] = WeakSet()
+"""Those that may still have calls to make."""
 
 
 def in_processes(
@@ -85,15 +109,18 @@ def in_processes(
         ),
     ):
         options |= {"return_as": "generator", "temp_folder": _start_processes(n_processes, options)}
-        parallel = joblib.Parallel(**options)
+        parallel = _Parallel(**options)
+        _parallels.add(parallel)
         results = parallel(joblib.delayed(function)(*call) for call in calls)
     return _watched(results)
 
 
 def stop_processes() -> None:
-    """Stop the processes at once, whatever they are doing."""
+    """Stop the processes at once, whatever they are doing; results still to come are given up."""
     if joblib.effective_n_jobs(2) == 1:
         return
+    for parallel in list(_parallels):
+        parallel._abort()
     from joblib.externals.loky import get_reusable_executor
 
     get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
