@@ -2,6 +2,8 @@
 
 import ast
 import importlib
+import subprocess
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -98,6 +100,19 @@ def test_imports_go_one_way(file):
 )
 def test_a_wrong_import_would_be_seen(room, source, allowed):
     assert all(may_import(room, other) for other in imported_rooms(ast.parse(source))) == allowed
+
+
+def test_images_are_taken_and_a_keyframe_drives_a_robot_without_scikit_learn():
+    program = (
+        "import sys, servoscope.acquisition.simulated, servoscope.acquisition.recording, "
+        "servoscope.data.checks, servoscope.positioning.keyframe_model, "
+        "servoscope.positioning.look_and_move, servoscope.scoreboard.trial; "
+        "print({'sklearn', 'pandas', 'matplotlib'} & set(sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout == "set()\n"
 
 
 PUBLISHING = [

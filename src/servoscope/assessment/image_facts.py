@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.data.image_motion import shrink
 from servoscope.data.images import PoseImageSet
 from servoscope.data.pixel_noise import estimate_pixel_noise
-from servoscope.features.cell_moments import shrink
 
 LONGER_SIDE = 128
 """The image is made this small first, [px]."""

@@ -125,9 +125,6 @@ def acquire(
     """
     from servoscope.acquisition import AcquisitionConfig
     from servoscope.acquisition import acquire as acquire_images
-    from servoscope.acquisition.plan import Plan
-    from servoscope.acquisition.recording import RecordingConfig
-    from servoscope.acquisition.until import FIRST, MOST_IMAGES, acquire_until
     from servoscope.commands.info import print_data_set
     from servoscope.commands.options import n_jobs
     from servoscope.commands.output import progress_bar
@@ -159,6 +156,8 @@ def acquire(
             "check_every": check_every, "settle_s": settle_s,
         }  # fmt: skip
         if preview:
+            from servoscope.acquisition.recording import RecordingConfig
+
             _preview_own(out, robot, RecordingConfig(**settings), shown, json)
             return
         with _said_if_whole(out, force):
@@ -171,6 +170,8 @@ def acquire(
         )
     request = None if until is None else parse_accuracy(until)
     if request is not None:
+        from servoscope.acquisition.until import FIRST, MOST_IMAGES, acquire_until
+
         if schedule is not None:
             raise InvalidInputError("--until finds out which images to take; leave --schedule out.")
         n_images = MOST_IMAGES if n_images is None else n_images
@@ -194,6 +195,8 @@ def acquire(
         dofs=wanted,
     )
     if preview:
+        from servoscope.acquisition.plan import Plan
+
         T_world_ref = config.reference()
         pivot = config.pivot(T_world_ref)
         _show(Plan.draw(config.draws(), T_world_ref, pivot=pivot, workspace=box), out, shown, json)

@@ -1,6 +1,8 @@
-"""How images of a set shift against each other, and which camera motion that fits."""
+"""Images made small, how they shift against each other, and which camera motion that fits."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,10 +23,28 @@ _PAIRS = 64
 """Pairs of images whose spectra are in memory at once."""
 
 
+def shrink(image: NDArray[Any], size: int) -> NDArray[np.float32]:
+    """An image whose longer side is `size` pixels, or as it is if that is less, float32.
+
+    Examples
+    --------
+    >>> shrink(np.full((20, 40), 7, np.uint8), 10).shape
+    (5, 10)
+    """
+    shape, whole = shrunk_shape(image.shape, size), image.astype(np.float32)
+    return np.asarray(cv2.resize(whole, shape[::-1], interpolation=cv2.INTER_AREA))
+
+
+def shrunk_shape(shape: tuple[int, ...], size: int) -> tuple[int, int]:
+    """Height and width of what `shrink` makes of an image of a shape."""
+    scale = min(1.0, size / max(shape))
+    height, width = (max(1, round(scale * side)) for side in shape)
+    return height, width
+
+
 def shrink_all(images: NDArray[np.uint8], size: int) -> NDArray[np.float32]:
     """Images whose longer side is `size` pixels, or as they are if that is less."""
-    scale = min(1.0, size / max(images.shape[1:]))
-    height, width = (max(1, round(scale * side)) for side in images.shape[1:])
+    height, width = shrunk_shape(images.shape[1:], size)
     small = [cv2.resize(i, (width, height), interpolation=cv2.INTER_AREA) for i in images]
     return np.stack(small).astype(np.float32)
 

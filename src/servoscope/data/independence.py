@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
-from sklearn.cluster import KMeans
 
 from servoscope.data.images import PoseImageSet
 from servoscope.data.splits import LEAST_GROUPS, Split, deal_groups, split_images
@@ -327,6 +326,8 @@ def _nearest(poses: Array) -> float:
 
 def _cluster(poses: Array, most: int, apart: float) -> Indices:
     """Groups of poses near each other: one for each place if there are few places, else `most`."""
+    from sklearn.cluster import KMeans
+
     places = _first_at_each_place(poses, most, apart)
     start = poses[places] if len(places) <= most else "k-means++"
     clusters = KMeans(min(len(places), most), init=start, n_init=1, random_state=0)

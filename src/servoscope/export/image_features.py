@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.data.image_motion import shrunk_shape
 from servoscope.errors import ModelError
 from servoscope.export.graph import Value, concatenate, maximum, stack, where
 from servoscope.export.resizing import reduced
@@ -22,7 +23,6 @@ from servoscope.features.cell_moments import (
     GradientMoments,
     IntensityMoments,
     cell_weights,
-    shrunk_shape,
 )
 from servoscope.features.fixed_projection import TchebichefMoments
 from servoscope.features.image_transformer import LinearProjection

@@ -11,28 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servoscope.compiled import compiled
+from servoscope.data.image_motion import shrink
 from servoscope.features.image_transformer import ImageShape, ImageTransformer, check_whole_number
 
 Floats = NDArray[np.float32]
-
-
-def shrink(image: NDArray[Any], size: int) -> Floats:
-    """An image whose longer side is `size` pixels, or as it is if that is less, float32.
-
-    Examples
-    --------
-    >>> shrink(np.full((20, 40), 7, np.uint8), 10).shape
-    (5, 10)
-    """
-    shape, whole = shrunk_shape(image.shape, size), image.astype(np.float32)
-    return np.asarray(cv2.resize(whole, shape[::-1], interpolation=cv2.INTER_AREA))
-
-
-def shrunk_shape(shape: tuple[int, ...], size: int) -> tuple[int, int]:
-    """Height and width of what `shrink` makes of an image of a shape."""
-    scale = min(1.0, size / max(shape))
-    height, width = (max(1, round(scale * side)) for side in shape)
-    return height, width
 
 
 _WIDTH = 0.6

@@ -126,18 +126,18 @@ class PositioningModel(ABC):
 
 
 def _restored(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> PositioningModel:
-    from servoscope.positioning.feature_model import FeatureModel
-    from servoscope.positioning.keyframe_model import KeyframeModel
-
-    kinds: dict[str, type[PositioningModel]] = {
-        kind.kind: kind for kind in (KeyframeModel, FeatureModel)
-    }
-    if header.get("kind") not in kinds:
-        raise ValueError(f"it is not of the kinds {', '.join(kinds)}")
+    kind: type[PositioningModel]
+    match header.get("kind"):  # each brings libraries that the other does without
+        case "keyframe":
+            from servoscope.positioning.keyframe_model import KeyframeModel as kind
+        case "features":
+            from servoscope.positioning.feature_model import FeatureModel as kind
+        case _:
+            raise ValueError("it is not of the kinds keyframe, features")
     reach = np.array(header["reach"], dtype=float)
     if reach.shape != (6,) or not (np.isfinite(reach) & (reach >= 0)).all():
         raise ValueError("its reach is not six numbers, 0 or more")
-    model = kinds[header["kind"]].from_arrays(
+    model = kind.from_arrays(
         arrays,
         reach=reach,
         trained_on=dict(header["trained_on"]),

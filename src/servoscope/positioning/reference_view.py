@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from servoscope.data.image_motion import shrink
 from servoscope.errors import InvalidInputError
-from servoscope.features.cell_moments import shrink
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
