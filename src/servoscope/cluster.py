@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from typing import Any
@@ -62,10 +64,11 @@ def on_cluster(address: str | None = None, n_workers: int | None = None) -> Iter
             raise ProcessesError(
                 'Sharing work with workers needs dask; install it: pip install "servoscope[dask]".'
             ) from error
-        except (OSError, TimeoutError, ValueError, RuntimeError) as error:
+        except (OSError, TypeError, ValueError, RuntimeError) as error:
             raise ProcessesError(
-                f"No workers can be had at {address or 'this machine'} ({one_line(error)}); start "
-                "a scheduler and workers (dask scheduler, dask worker), or use --workers."
+                f"No workers can be had {'here' if address is None else f'at {address}'} "
+                f"({one_line(error)}); start a scheduler and workers (dask scheduler, dask "
+                "worker), or use --workers."
             ) from error
         cluster = Cluster(client)
         _in_use.append(cluster)
@@ -80,6 +83,9 @@ def _connected(address: str | None, n_workers: int | None, stack: ExitStack) -> 
 
     stack.enter_context(dask.config.set({"distributed.comm.timeouts.connect": _CONNECT_S}))
     scheduler: Any = address
+    if address is not None:
+        with ThreadPoolExecutor(1) as beside:  # a notebook has an event loop of its own
+            beside.submit(asyncio.run, _check_scheduler(address)).result()
     if n_workers is not None:
         scheduler = stack.enter_context(
             distributed.LocalCluster(
@@ -95,6 +101,27 @@ def _connected(address: str | None, n_workers: int | None, stack: ExitStack) -> 
     )
     client.wait_for_workers(1, timeout=_CONNECT_S)
     return client
+
+
+async def _check_scheduler(address: str) -> None:
+    """Raise an error of whatever kind unless a scheduler answers at an address.
+
+    A client would wait for one that never answers, and one that cannot be made would end late and
+    with a traceback.
+    """
+    from distributed import Security, rpc
+
+    keys = Security().get_connection_args("client")
+    try:
+        async with (
+            asyncio.timeout(_CONNECT_S),
+            rpc(address, timeout=_CONNECT_S, connection_args=keys) as found,
+        ):
+            kind = (await found.identity())["type"]
+    except TimeoutError as error:
+        raise OSError(f"no scheduler answers within {_CONNECT_S:g} s") from error
+    if kind != "Scheduler":
+        raise ValueError(f"it is the address of a {kind}, not of a scheduler")
 
 
 class Cluster:
