@@ -181,6 +181,8 @@ def test_info_describes_installations_data_sets_and_runs(finished, capsys):
         (["study", "--seed", "-1"], "seed must"),
         (["study", "--jobs", "0"], "--jobs must be at least 1"),
         (["study", "--image-size", "3"], "image_size must"),
+        (["study", "--image-size", "0"], "image_size must"),
+        (["study", "--cells", "2", "--image-size", "0"], "image_size must"),
         (["acquire", "out", "--n-images", "0"], "n_images must"),
     ],
 )

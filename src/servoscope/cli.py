@@ -23,10 +23,12 @@ from servoscope.commands.streams import (
     reason_of,
 )
 from servoscope.commands.usage import nearest, usage_line
-from servoscope.errors import InvalidInputError
 from servoscope.wording import printable
 
-_CLUSTER_OPTIONS = ("--dask", "--workers")
+_CLUSTER_OPTIONS = {
+    "--dask": "the address of a scheduler, such as tcp://192.0.2.7:8786",
+    "--workers": "a number of workers, such as 4",
+}
 _ENDS = (signal.SIGINT, signal.SIGTERM)
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -91,14 +93,19 @@ def _end(is_whole_process: bool) -> int:
 
 
 def _cluster_options(arguments: list[str]) -> tuple[dict[str, str], list[str]]:
-    """What ``--dask`` and ``--workers`` say, by name, and the other arguments."""
+    """What ``--dask`` and ``--workers`` say, by name, and the other arguments; exits where they say
+    nothing.
+    """
     said, others, left = {}, [], iter(arguments)
     for argument in left:
         name, equals, value = argument.partition("=")
-        if name in _CLUSTER_OPTIONS:
-            said[name] = value if equals else next(left, "")
-        else:
+        if name not in _CLUSTER_OPTIONS:
             others.append(argument)
+            continue
+        said[name] = value = value if equals else next(left, "")
+        if not value or (name == "--workers" and not (value.isascii() and value.isdigit())):
+            wanted = _CLUSTER_OPTIONS[name] + (f", got {value!r}" if value else "")
+            sys.exit(_fail(f"{name} needs {wanted}. See servoscope --help.", 2))
     return said, others
 
 
@@ -109,8 +116,6 @@ def _sharing(said: dict[str, str]) -> AbstractContextManager[object]:
     from servoscope.cluster import on_cluster
 
     workers = said.get("--workers")
-    if workers is not None and not (workers.isascii() and workers.isdigit()):
-        raise InvalidInputError(f"--workers must be a number of workers, got {workers!r}.")
     return on_cluster(said.get("--dask"), None if workers is None else int(workers))
 
 

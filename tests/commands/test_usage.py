@@ -30,6 +30,9 @@ from servoscope.commands.catalogue import COMMANDS
         ("export", "Missing from servoscope export: SRC FILE. See servoscope export --help."),
         ("acquire o --part foo", "invalid choice 'foo' for argument '--part'"),
         ("acquire o --n-images 3 --schedule 3@1", "--n-images and --schedule are not allowed"),
+        ("info --dask", "--dask needs the address of a scheduler, such as tcp://192.0.2.7:8786."),
+        ("--workers= info", "--workers needs a number of workers, such as 4. See"),
+        ("--workers few info", "--workers needs a number of workers, such as 4, got 'few'. See"),
         ("benchmark", "Expected one of {positioning}. See servoscope benchmark --help."),
     ],
 )

@@ -55,12 +55,13 @@ def study(
     config = StudyConfig(seed=seed, protocols=protocols(protocol))
     check_n_images(n_images, config.protocols)
     if cells is not None:
-        size = image_size or IMAGE_SIZE
+        size = IMAGE_SIZE if image_size is None else image_size
         AcquisitionConfig(n_images=n_images, image_size=size, seed=seed)  # refused before a folder
         options = {"resume": resume, "force": force, "json": json}
         study_cells(out, cells, n_images, size, lighter(config), processes, **options)
         return
-    acquisition = AcquisitionConfig(n_images=n_images, image_size=image_size or 256, seed=seed)
+    size = 256 if image_size is None else image_size
+    acquisition = AcquisitionConfig(n_images=n_images, image_size=size, seed=seed)
     settings = {"command": "study", **asdict(config), "acquisition": asdict(acquisition)}
 
     def take_images(run: RunFolder) -> None:
