@@ -86,10 +86,18 @@ def test_more_eigenvectors_than_the_images_have_are_refused(tmp_path) -> None:
     create_stack(tmp_path / "few", images.shape, "uint8")
     write_stack(tmp_path / "few", 0, images)
     stack = Stack(tmp_path / "few", images.shape, "uint8")
-    with pytest.raises(InvalidInputError, match="vary in"):
+    with pytest.raises(InvalidInputError, match=r"5 eigenvectors .* vary in 2"):
         Eigenfeatures(5).fit(stack)
     with pytest.raises(InvalidInputError, match=r"one row for each of 30 images, got .*\(29, 6\)"):
         PoseImageCovariance().fit(stack, np.zeros((29, 6)))
+
+
+def test_more_eigenvectors_than_pixels_are_refused(tmp_path) -> None:
+    images = np.random.default_rng(0).integers(0, 256, (40, 3, 4), dtype=np.uint8)
+    create_stack(tmp_path / "small", images.shape, "uint8")
+    write_stack(tmp_path / "small", 0, images)
+    with pytest.raises(InvalidInputError, match=r"20 eigenvectors .* vary in 12"):
+        Eigenfeatures(20).fit(Stack(tmp_path / "small", images.shape, "uint8"))
 
 
 @pytest.mark.parametrize(

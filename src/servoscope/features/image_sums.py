@@ -173,8 +173,8 @@ def leading_eigenvectors(flat: Stack, n_components: int) -> tuple[Array, Array, 
                 f"{n_components} eigenvectors are not found in {MOST_PASSES} passes over the "
                 "images; ask for fewer."
             )
-    if values[-1] <= PRECISION * values[0]:
-        n_found = int(np.count_nonzero(values > PRECISION * values[0]))
+    n_found = int(np.count_nonzero(values > PRECISION * values[0]))
+    if n_found < n_components:
         raise InvalidInputError(
             f"{n_components} eigenvectors were wanted, but the {n_images} images, normalised and "
             f"centred, vary in {n_found} directions only; lower n_components."
