@@ -141,6 +141,14 @@ def test_what_is_damaged_is_one_line_that_names_the_address(in_memory, harm, wor
     assert nothing_is_left()
 
 
+def test_a_server_that_lists_no_sizes_is_refused_in_one_line(in_memory, monkeypatch):
+    address, memory = in_memory
+    monkeypatch.setattr(memory, "find", lambda path, detail: {f"{path}/0/0/0": {"size": None}})
+    with pytest.raises(DataSetError, match=f"^{address}.* does not list the sizes") as caught:
+        PoseImageSet.load(address)
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("address", "words"),
     [

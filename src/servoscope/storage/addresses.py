@@ -168,6 +168,11 @@ class DistantStack(Stack):
         file_system, root = _file_system(address)
         with _failures_of(address):
             there = file_system.find(f"{root}/c", detail=True)
+        if any(info.get("size") is None for info in there.values()):
+            raise DataSetError(
+                f"{address} cannot be read (its server does not list the sizes of files); copy the "
+                "data set to a folder."
+            )
         sizes = {str(name)[len(root) + 1 :]: int(info["size"]) for name, info in there.items()}
         names = [chunk_name(i, len(shape)) for i in range(self.n_chunks)]
         check_all_there(address, [name in sizes for name in names])
