@@ -35,7 +35,6 @@ from servoscope.positioning.recognition import (
     least_similarity,
     recogniser,
 )
-from servoscope.processes import in_processes
 
 RESIDUAL = "held_out_residual"
 """The array of a model folder that holds the residuals of images held out, by pixel."""
@@ -362,7 +361,7 @@ def read_test_images(
     """
     fitted, read = evenly_spread(split.learned, MOST_FITTED), evenly_spread(split.test, MOST_READ)
     try:
-        ((_, readings),) = in_processes(fit_and_read, [(data, fitted, read, calibration)], 1)
+        _, readings = fit_and_read(data, fitted, read, calibration)
     except InvalidInputError as error:
         raise DataSetError(f"No keyframe can be fitted: {error}") from error
     return HeldOutReadings(readings, data.delta_p()[read], len(np.unique(groups[read])))
