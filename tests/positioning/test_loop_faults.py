@@ -160,6 +160,19 @@ def test_an_estimator_that_gives_nonsense_or_fails_is_abstained_from(answer, mes
     assert len(cell.poses) == 1
 
 
+def test_a_limit_that_is_no_number_lets_nothing_pass() -> None:
+    class Unlimited(Oracle):
+        def estimate(self, image, previous):
+            found = super().estimate(image, previous)
+            return replace(found, similarity=0.1, least_similarity=np.nan)
+
+    cell = Cell(START)
+    result = run(cell, oracle=Unlimited(cell))
+    assert result.status == "abstained"
+    assert "least_similarity as a number, but gave nan" in result.message
+    assert len(cell.poses) == 1
+
+
 class FaultyRobot:
     """The cell's robot, with ``fault(cell, displacement)`` as its second move."""
 

@@ -132,6 +132,8 @@ def estimate_fault(estimate: Any) -> str | None:
         value = getattr(estimate, name)
         if not isinstance(value, Real):
             return f"The estimator must give its {name} as a number, but gave {one_line(value)}."
+    if np.isnan(estimate.least_similarity):  # no similarity would be below it
+        return "The estimator must give its least_similarity as a number, but gave nan."
     if not isinstance(estimate.is_finest, bool | np.bool_):
         return "The estimator must say whether its stage is the finest by True or False."
     return None
