@@ -9,7 +9,7 @@ import pytest
 from planar import planar_data_set
 from servoscope.cli import main
 from servoscope.data.images import PoseImageSet
-from servoscope.errors import DataSetError
+from servoscope.errors import DataSetError, InvalidInputError
 from servoscope.processes import in_processes
 from servoscope.storage import addresses
 from servoscope.storage.addresses import absolute, place_of
@@ -161,6 +161,16 @@ def test_a_server_that_lists_no_sizes_is_refused_in_one_line(in_memory, monkeypa
 def test_addresses_that_lead_nowhere_are_refused(address, words):
     with pytest.raises(DataSetError, match=words):
         PoseImageSet.load(address)
+
+
+@pytest.mark.parametrize("command", [["import", "folder", "x"], ["acquire"]])
+def test_nothing_is_written_to_an_address(command, data, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InvalidInputError, match="nothing is written to addresses"):
+        data.save("s3://bucket/set")
+    assert main([*command, "s3://bucket/set"]) == 1
+    assert "is an address, and nothing is written to addresses" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.fixture(scope="module")

@@ -28,6 +28,7 @@ from servoscope.poses import poses_from_quaternions, quaternions_xyzw
 from servoscope.storage.addresses import DistantStack, fetched, place_of
 from servoscope.storage.archives import read_arrays
 from servoscope.storage.folders import (
+    check_local,
     complete_interrupted,
     complete_replacement,
     owned,
@@ -91,6 +92,7 @@ def check_free(folder: Folder, *, force: bool = False) -> None:
     A data set that is there may be replaced if `force` is set, or if it is what an interrupted
     `PoseImageSet.save` left. Files of somebody else that bear the name of a part may never be.
     """
+    check_local(folder)
     path = Path(folder)
     if path.exists() and not path.is_dir():
         raise FolderExistsError(f"{path} is a file; name a folder.")

@@ -10,6 +10,7 @@ import atexit
 import errno
 import json
 import os
+import re
 import secrets
 import shutil
 import sys
@@ -26,7 +27,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from servoscope.errors import FolderExistsError, FolderInUseError
+from servoscope.errors import FolderExistsError, FolderInUseError, InvalidInputError
 from servoscope.wording import one_line
 
 
@@ -95,6 +96,21 @@ _OTHERS = {errno.EACCES, errno.EAGAIN, errno.EDEADLK}
 _NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP}
 
 
+_ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
+
+
+def check_local(folder: str | PathLike[str]) -> None:
+    """Raise InvalidInputError if what is to be written to is an address of another file system.
+
+    A path would make a folder of that name here.
+    """
+    if _ADDRESS.match(os.fspath(folder)):
+        raise InvalidInputError(
+            f"{folder} is an address, and nothing is written to addresses; name a folder, and copy "
+            "it there."
+        )
+
+
 @contextmanager
 def owned(folder: str | PathLike[str], *, beside: bool = False) -> Iterator[None]:
     """Own a folder, which is made if it is not there; it is left as it was if nothing is written.
@@ -109,6 +125,7 @@ def owned(folder: str | PathLike[str], *, beside: bool = False) -> Iterator[None
     ...     (Path(folder) / LOCK).exists()
     True
     """
+    check_local(folder)
     path = Path(os.path.realpath(folder))
     inside = path.parent if beside else path
     made = [place for place in (inside, *inside.parents) if not place.exists()]
