@@ -29,6 +29,9 @@ _CLUSTER_OPTIONS = {
     "--dask": "the address of a scheduler, such as tcp://192.0.2.7:8786",
     "--workers": "a number of workers, such as 4",
 }
+_OF_OTHERS = r"\d+ tasks (which|have)|Sending large graph|A worker stopped while"
+"""Warnings of joblib and dask whose advice is for programs, not for users of commands."""
+
 _ENDS = (signal.SIGINT, signal.SIGTERM)
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -58,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = [argument for argument in arguments if argument != "--debug"]
     cluster, arguments = _cluster_options(arguments)
     warnings.showwarning = _print_warning
-    warnings.filterwarnings("ignore", message=r"\d+ tasks (which|have)|A worker stopped while")
+    warnings.filterwarnings("ignore", message=_OF_OTHERS)
     for noisy in ("asyncio", "distributed"):
         logging.getLogger(noisy).setLevel(logging.CRITICAL)
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # it prints names of files as they are
