@@ -223,6 +223,23 @@ def test_called_from_python_it_leaves_ctrl_c_as_it_was(monkeypatch, capsys):
     assert capsys.readouterr().err.startswith("servoscope: interrupted")
 
 
+def test_a_command_that_is_ended_while_it_imports_imports_nothing_more():
+    program = (
+        "import sys, servoscope.cli as cli, servoscope.commands.info as info\n"
+        "class Interrupted:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'numpy':\n"
+        "            sys.modules['numpy'] = None  # what is left of it can be imported no more\n"
+        "            raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupted())\n"
+        "sys.argv[1:] = ['info', 'x']\n"
+        "sys.exit(cli.main())"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    said = "servoscope: interrupted; what is finished is kept\n"
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", said)
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize("moment", ["a result is taken", "a call is handed out"])
 def test_a_command_that_is_ended_while_processes_share_arrays_says_one_line(number, moment):

@@ -84,10 +84,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _end(is_whole_process: bool) -> int:
     """Stop what still runs, say so, and return the code of the end; nothing disturbs that."""
-    from servoscope.processes import stop_processes
-
     before = {number: signal.signal(number, signal.SIG_IGN) for number in _ENDS}
-    stop_processes()
+    processes = sys.modules.get("servoscope.processes")
+    if processes is not None:  # an import that was interrupted cannot always be repeated
+        processes.stop_processes()
     code = _fail("interrupted; what is finished is kept", 130)
     if not is_whole_process:
         for number, handler in before.items():

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from typing import Any
@@ -78,6 +76,9 @@ def on_cluster(address: str | None = None, n_workers: int | None = None) -> Iter
 
 def _connected(address: str | None, n_workers: int | None, stack: ExitStack) -> Any:
     """A client of a scheduler that has a worker; the stack closes what is begun."""
+    import asyncio
+    from concurrent.futures import ThreadPoolExecutor
+
     import dask
     import distributed
 
@@ -109,12 +110,14 @@ async def _check_scheduler(address: str) -> None:
     A client would wait for one that never answers, and one that cannot be made would end late and
     with a traceback.
     """
+    from asyncio import timeout
+
     from distributed import Security, rpc
 
     keys = Security().get_connection_args("client")
     try:
         async with (
-            asyncio.timeout(_CONNECT_S),
+            timeout(_CONNECT_S),
             rpc(address, timeout=_CONNECT_S, connection_args=keys) as found,
         ):
             kind = (await found.identity())["type"]
