@@ -96,6 +96,28 @@ def test_the_error_of_a_call_is_raised_as_it_is(cluster):
         list(in_processes(fails, [(0,), (1,)]))
 
 
+within = []
+
+
+def alone(i):
+    """Whether no other call is made by this process meanwhile."""
+    within.append(i)
+    time.sleep(0.05)
+    is_alone = within == [i]
+    within.remove(i)
+    return is_alone
+
+
+def test_a_worker_of_several_threads_makes_one_call_at_a_time():
+    distributed = importlib.import_module("distributed")
+    options = {"processes": False, "dashboard_address": None, "silence_logs": "CRITICAL"}
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=4, **options) as threads,
+        on_cluster(threads.scheduler_address),
+    ):
+        assert all(in_processes(alone, [(i,) for i in range(8)]))
+
+
 def test_a_killed_worker_changes_no_result(cluster, tmp_path):
     calls = [(tmp_path, i) for i in range(12)]
     assert list(in_processes(killed_once, calls)) == [i * i for i in range(12)]

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -225,7 +226,11 @@ def _given(argument: Any) -> Any:
     return argument
 
 
+_ONE_AT_A_TIME = Lock()
+"""Warnings that a call records, and the threads of BLAS, are of the whole process."""
+
+
 def _run(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-    """A call at a worker, which has one BLAS thread."""
-    with threadpool_limits(1, user_api="blas"):
+    """A call at a worker, which has one BLAS thread, and makes no other meanwhile."""
+    with _ONE_AT_A_TIME, threadpool_limits(1, user_api="blas"):
         return function(*arguments)
