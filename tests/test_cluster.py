@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -17,7 +18,7 @@ import pytest
 pytest.importorskip("distributed")
 
 from servoscope.cluster import current, on_cluster
-from servoscope.errors import InvalidInputError, ProcessesError
+from servoscope.errors import InvalidInputError, ProcessesError, ServoscopeWarning
 from servoscope.processes import in_processes
 
 pytestmark = [
@@ -108,14 +109,32 @@ def alone(i):
     return is_alone
 
 
-def test_a_worker_of_several_threads_makes_one_call_at_a_time():
+@pytest.fixture
+def threads():
+    """A scheduler with a worker of four threads, in this process."""
     distributed = importlib.import_module("distributed")
     options = {"processes": False, "dashboard_address": None, "silence_logs": "CRITICAL"}
-    with (
-        distributed.LocalCluster(n_workers=1, threads_per_worker=4, **options) as threads,
-        on_cluster(threads.scheduler_address),
-    ):
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=4, **options) as found:
+        yield found
+
+
+def test_a_worker_of_several_threads_makes_one_call_at_a_time(threads):
+    with on_cluster(threads.scheduler_address):
         assert all(in_processes(alone, [(i,) for i in range(8)]))
+
+
+def test_that_no_worker_is_left_is_said_and_the_next_one_goes_on(threads, monkeypatch):
+    monkeypatch.setattr("servoscope.cluster._WATCH_S", 0.1)
+    with on_cluster(threads.scheduler_address) as cluster:
+        threads.scale(0)
+        while cluster.client.nthreads():
+            time.sleep(0.02)
+        results = in_processes(divmod, [(7, 2)])
+        later = threading.Timer(0.5, threads.scale, (1,))
+        later.start()
+        with pytest.warns(ServoscopeWarning, match="no workers left"):
+            assert list(results) == [(3, 1)]
+        later.join()
 
 
 def test_a_killed_worker_changes_no_result(cluster, tmp_path):

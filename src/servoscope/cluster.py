@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -12,7 +13,12 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from servoscope.errors import InvalidInputError, ProcessesError, ProcessKilledError
+from servoscope.errors import (
+    InvalidInputError,
+    ProcessesError,
+    ProcessKilledError,
+    ServoscopeWarning,
+)
 from servoscope.wording import one_line
 
 _SENT_ONCE = 2**18
@@ -21,7 +27,8 @@ _SENT_ONCE = 2**18
 _AHEAD = 3
 """Calls that wait at each worker's thread, so that none is idle."""
 
-_CONNECT_S = 10.0
+_CONNECT_S, _WATCH_S = 10.0, 30.0
+"""Seconds for a scheduler to answer, and between looks whether it has workers."""
 
 _in_use: list[Cluster] = []
 
@@ -171,12 +178,29 @@ class Cluster:
         try:
             while pending:
                 with self._failures_reported():
-                    result = pending.popleft().result()
+                    result = self._awaited(pending.popleft())
                     pending.extend(self._submit(function, call, sent) for call in islice(left, 1))
                 yield result
         finally:
             with suppress(Exception):
                 self.client.cancel(list(pending))
+
+    def _awaited(self, future: Any) -> Any:
+        """The result of a call; it is said where no worker is left to make it."""
+        is_said = False
+        while not future.done():
+            try:
+                return future.result(timeout=_WATCH_S)
+            except TimeoutError:
+                if not (is_said or future.done() or self.client.nthreads()):
+                    is_said = True
+                    warnings.warn(
+                        "The scheduler has no workers left, and is waited for until it has one "
+                        "(dask worker); Ctrl-C ends that, and a run goes on with --resume.",
+                        ServoscopeWarning,
+                        stacklevel=2,
+                    )
+        return future.result()
 
     def _submit(
         self, function: Callable[..., Any], call: tuple[Any, ...], sent: dict[int, tuple[Any, Any]]
