@@ -150,6 +150,17 @@ def test_images_repeat_bit_for_bit_and_noise_follows_the_generator() -> None:
     assert (first != other).any()
 
 
+def test_each_image_is_of_its_own_scene_and_pose_and_has_its_own_noise() -> None:
+    plane, aside = Scene(part=TexturedPlane(), image_size=32), T_WORLD_REF.copy()
+    aside[0, 3] += 0.02
+    order = [(scene, T) for scene in (plane, replace(plane, image_size=48), plane)
+             for T in (T_WORLD_REF, T_WORLD_REF, aside, T_WORLD_REF)]  # fmt: skip
+    taking, rng = np.random.default_rng(3), np.random.default_rng(3)
+    for scene, T in order:
+        image = render(scene, T, taking)
+        np.testing.assert_array_equal(image, scene.sensor.read_out(render_radiance(scene, T), rng))
+
+
 def test_the_sensor_does_not_change_the_light() -> None:
     scene = Scene(image_size=32)
     noisy = replace(scene, sensor=Sensor(gain=2.0))

@@ -120,7 +120,14 @@ def render(
     >>> render(Scene(image_size=64), T_WORLD_REF).shape
     (64, 64)
     """
-    return scene.sensor.read_out(render_radiance(scene, T_world_cam), rng)
+    pose = np.asarray(T_world_cam, dtype=np.float32)
+    return scene.sensor.read_out(_radiance_at(scene, pose.tobytes()), rng)
+
+
+@lru_cache(maxsize=1)
+def _radiance_at(scene: Scene, pose: bytes) -> NDArray[np.float32]:
+    """What `render_radiance` gives, kept while the camera stays: images then differ by noise."""
+    return render_radiance(scene, np.frombuffer(pose, np.float32).reshape(4, 4).copy())
 
 
 @lru_cache(maxsize=4)
