@@ -1,6 +1,7 @@
 """``servoscope assess`` of several data sets: by one process, and by workers that are killed."""
 
 import os
+import shutil
 import signal
 import threading
 import time
@@ -135,6 +136,33 @@ def test_a_set_that_kills_its_process_is_a_row_and_all_others_go_on(monkeypatch)
     assert [found[name].row["name"] for name in ("a", "b")] == ["a", "b"]
     assert found["large"].row["error"] == "A process was killed."
     assert tries == ["large", "large"]
+
+
+def test_resume_assesses_sets_again_whose_images_have_changed_and_keeps_what_cannot_be_read(
+    tmp_path, monkeypatch
+):
+    assessed = []
+
+    def assess_one(order, dataset):
+        assessed.append(Path(dataset).name)
+        row = {**failed_row(""), "state": "yes", "says": "It will do.", "error": None}
+        row |= {"seconds": 1.0, "fingerprint": order.fingerprint(dataset)}
+        return Assessed(row, {"report.html": b""})
+
+    monkeypatch.setattr(run_sets, "assess_one", assess_one)
+    sets = [tmp_path / name for name in ("kept", "changed", "lost")]
+    for i, folder in enumerate(sets):
+        planar_data_set(60, 16, seed=i).save(folder)
+    command = ["assess", *map(str, sets), *OPTIONS, "--out", str(tmp_path / "run"), "--jobs", "1"]
+    assert main(command) == 0
+    assert assessed == ["kept", "changed", "lost"]
+    shutil.rmtree(sets[1])
+    shutil.rmtree(sets[2])
+    planar_data_set(60, 16, seed=9).save(sets[1])
+    assert main([*command, "--resume"]) == 0
+    assert assessed[3:] == ["changed"]
+    assert main([*command, "--resume"]) == 0
+    assert len(assessed) == 4
 
 
 def test_sets_of_one_name_are_told_apart_by_their_folders():

@@ -58,11 +58,23 @@ class AssessmentOrder:
         InvalidInputError
             If there are too few images.
         """
-        data = with_dofs(PoseImageSet.load(dataset, memory=self.memory), self.dofs)
+        data = self._whole(dataset)
         check_enough_images(data)
         findings = [finding.text for finding in check_data(data)]
-        # the study's random split would flatter
-        return mark_sequence(data.thinned(MOST_IMAGES)), findings
+        return _sample(data), findings
+
+    def fingerprint(self, dataset: str) -> str:
+        """That of the images that `load` gives.
+
+        Raises
+        ------
+        DataSetError
+            If the data set cannot be read.
+        """
+        return _sample(self._whole(dataset)).fingerprint()
+
+    def _whole(self, dataset: str) -> PoseImageSet:
+        return with_dofs(PoseImageSet.load(dataset, memory=self.memory), self.dofs)
 
     def asked(self) -> dict[str, Any]:
         """All but the data set, as plain JSON values."""
@@ -100,3 +112,8 @@ class AssessmentOrder:
             study=self.study,
             progress=progress,
         )
+
+
+def _sample(data: PoseImageSet) -> PoseImageSet:
+    """What is assessed of a data set; a random split of a sequence would flatter."""
+    return mark_sequence(data.thinned(MOST_IMAGES))

@@ -112,11 +112,19 @@ def write_sets_report(run: Path) -> Path:
 
 
 def _rows(run: RunFolder, order: AssessmentOrder, datasets: list[str], n_jobs: int) -> list[Row]:
-    """A row for each data set; those that the folder has finished are not assessed again."""
+    """A row for each data set.
+
+    Those that the folder has finished are not assessed again, unless their images have changed.
+    """
     names = names_of(datasets)
     places = {dataset: run.path / "sets" / folder for dataset, (_, folder) in names.items()}
     (run.path / "sets").mkdir(exist_ok=True)
     rows = {dataset: _finished(places[dataset], dataset) for dataset in datasets}
+    known = [(order, dataset, row["fingerprint"]) for dataset, row in rows.items() if row]
+    for (_, dataset, _), is_same in zip(
+        known, in_processes(is_as_it_was, known, n_jobs), strict=True
+    ):
+        rows[dataset] = rows[dataset] if is_same else None
     left = [dataset for dataset in datasets if rows[dataset] is None]
     with progress_bar("data sets", len(datasets)) as advance:
         advance(len(datasets) - len(left))
@@ -168,8 +176,17 @@ def assess_one(order: AssessmentOrder, dataset: str) -> Assessed:
         except Exception as error:  # one set is not the end of all
             return Assessed(failed_row(reason_of(error)), {})
         row = row_of(summary, [*findings, *_own(caught)])
+        row["fingerprint"] = data.fingerprint()
         row["seconds"] = round(time.perf_counter() - start, 3)
         return Assessed(row, _files(folder))
+
+
+def is_as_it_was(order: AssessmentOrder, dataset: str, fingerprint: str) -> bool:
+    """Whether the images of a data set are those that were assessed, as far as they can be read."""
+    try:
+        return order.fingerprint(dataset) == fingerprint
+    except DataSetError:
+        return True
 
 
 def _own(caught: Sequence[warnings.WarningMessage]) -> list[str]:
@@ -204,7 +221,7 @@ def _finished(place: Path, dataset: str) -> Row | None:
         row = read_json(place.with_name(f"{place.name}.json"))
     except RunFolderError:
         return None
-    is_whole = row.get("dataset") == dataset and row.get("error") is None
+    is_whole = row.get("dataset") == dataset and row.get("fingerprint") is not None
     return row if is_whole and (place / "report.html").exists() else None
 
 
