@@ -11,61 +11,8 @@ from numpy.typing import NDArray
 from servoscope.compiled import compiled
 from servoscope.scene.geometry import DARK, IN_PART, LIFT, Table, table_radiance
 from servoscope.scene.mesh import N_TEXELS
+from servoscope.scene.vectors import blend, cross, dot, minus, of_length, plus, row_of, turned
 from servoscope.scene.visibility import Hits, RayGrid
-
-
-@njit(inline="always")
-def row_of(rows, i):  # type: ignore[no-untyped-def]
-    """A row of an array as a vector."""
-    return rows[i, 0], rows[i, 1], rows[i, 2]
-
-
-@njit(inline="always")
-def plus(a, b):  # type: ignore[no-untyped-def]
-    """The sum."""
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-@njit(inline="always")
-def minus(a, b):  # type: ignore[no-untyped-def]
-    """The difference."""
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@njit(inline="always")
-def dot(a, b):  # type: ignore[no-untyped-def]
-    """The scalar product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit(inline="always")
-def cross(a, b):  # type: ignore[no-untyped-def]
-    """The vector product."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@njit(inline="always")
-def turned(rotation, a):  # type: ignore[no-untyped-def]
-    """The vector, turned by a matrix."""
-    return dot(row_of(rotation, 0), a), dot(row_of(rotation, 1), a), dot(row_of(rotation, 2), a)
-
-
-@njit(inline="always")
-def of_length(a, length):  # type: ignore[no-untyped-def]
-    """The vector, made as long as stated."""
-    scale = length / np.sqrt(dot(a, a))
-    return a[0] * scale, a[1] * scale, a[2] * scale
-
-
-@njit(inline="always")
-def blend(u, a, v, b, w, c):  # type: ignore[no-untyped-def]
-    """The sum of three vectors, each times its weight."""
-    return (
-        u * a[0] + v * b[0] + w * c[0],
-        u * a[1] + v * b[1] + w * c[1],
-        u * a[2] + v * b[2] + w * c[2],
-    )
-
 
 Floats = NDArray[np.float32]
 Integers = NDArray[np.int32]
@@ -86,14 +33,14 @@ class Part(NamedTuple):
     grain: Floats
 
 
-class Doubts(NamedTuple):
-    """Rays towards lamps, from where it is not known whether the lamp shines; it is at 1.
+class ShadowRays(NamedTuple):
+    """Rays towards lamps from faces that are lit in part; the lamp is at 1.
 
     `gain` is the radiance that is added to `ray_of` if nothing is in the way.
     """
 
     origins: Floats
-    ways: Floats
+    directions: Floats
     ray_of: Integers
     gain: Floats
 
@@ -108,14 +55,14 @@ def shade(
     part: Part,
     table: Table,
     radiance: Floats,
-    doubts: Doubts,
+    shadow_rays: ShadowRays,
 ) -> int:
     """Write the radiance along the rays of some pixels, but for what lamps may add that may be
     hidden.
 
     `pixels` are row times n plus column; the camera's pose are a rotation and its centre, [m].
-    Written are `radiance` and `doubts`, which has room for a ray from each hit to each lamp.
-    Returns how many doubts there are.
+    Written are `radiance` and `shadow_rays`, which have room for one from each hit to each lamp.
+    Returns how many of these there are.
     """
     vertices, normals, open_sky, triangles, materials, states, looks, grain = part
     lamps, count = table.lamps, 0
@@ -145,8 +92,9 @@ def shade(
             if states[face, k] != IN_PART:
                 light += more
             elif more > 0:
-                _write_way(doubts, count, point, to_lamp, of_length(cross(e1, e2), LIFT))
-                doubts.ray_of[count], doubts.gain[count] = i, more
+                off = of_length(cross(e1, e2), LIFT)
+                _write_shadow_ray(shadow_rays, count, point, to_lamp, off)
+                shadow_rays.ray_of[count], shadow_rays.gain[count] = i, more
                 count += 1
         radiance[i] = light
     return count
@@ -154,7 +102,7 @@ def shade(
 
 @compiled()
 def add_unblocked(blocker: Integers, ray_of: Integers, gain: Floats, radiance: Floats) -> None:
-    """Add to `radiance` what comes along the doubtful rays that nothing blocks (-1)."""
+    """Add to `radiance` what comes along the shadow rays that nothing blocks (-1)."""
     for j in range(blocker.size):
         if blocker[j] < 0:
             radiance[ray_of[j]] += gain[j]
@@ -200,11 +148,11 @@ def _power(base, exponent):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
-def _write_way(doubts, place, point, to_lamp, off):  # type: ignore[no-untyped-def]
+def _write_shadow_ray(rays, place, point, to_lamp, off):  # type: ignore[no-untyped-def]
     """Write the ray to a lamp from a point that is lifted off its face."""
-    origins, ways = doubts.origins, doubts.ways
+    origins, directions = rays.origins, rays.directions
     origins[place, 0], origins[place, 1], origins[place, 2] = plus(point, off)
-    ways[place, 0], ways[place, 1], ways[place, 2] = minus(to_lamp, off)
+    directions[place, 0], directions[place, 1], directions[place, 2] = minus(to_lamp, off)
 
 
 @njit(inline="always")

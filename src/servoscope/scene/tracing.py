@@ -14,7 +14,7 @@ from servoscope.scene.geometry import Table, blockers, face_states, geometry_of,
 from servoscope.scene.lighting import Lighting
 from servoscope.scene.mesh import grain_tile, material_table
 from servoscope.scene.scene import Scene
-from servoscope.scene.shading import Doubts, Part, add_unblocked, shade
+from servoscope.scene.shading import Part, ShadowRays, add_unblocked, shade
 from servoscope.scene.visibility import Outlines, RayGrid, first_hits, outlines, ray_grid
 
 Floats = NDArray[np.float32]
@@ -86,16 +86,16 @@ def _trace(cell: _Cell, seen: Outlines, grid: RayGrid, pose: Floats, pixels: Int
     rotation, centre = np.ascontiguousarray(pose[:3, :3]), np.ascontiguousarray(pose[:3, 3])
     hits = first_hits(seen, grid, pixels)
     radiance = np.empty(len(pixels), np.float32)
-    n_doubts = np.count_nonzero(hits.face >= 0) * len(cell.table.lamps)
-    doubts = Doubts(
-        np.empty((n_doubts, 3), np.float32),
-        np.empty((n_doubts, 3), np.float32),
-        np.empty(n_doubts, np.int32),
-        np.empty(n_doubts, np.float32),
+    n_most = np.count_nonzero(hits.face >= 0) * len(cell.table.lamps)
+    rays = ShadowRays(
+        np.empty((n_most, 3), np.float32),
+        np.empty((n_most, 3), np.float32),
+        np.empty(n_most, np.int32),
+        np.empty(n_most, np.float32),
     )
-    count = shade(hits, pixels, grid, rotation, centre, cell.part, cell.table, radiance, doubts)
-    blocker = blockers(cell.tree, doubts.origins[:count], doubts.ways[:count])
-    add_unblocked(blocker, doubts.ray_of, doubts.gain, radiance)
+    count = shade(hits, pixels, grid, rotation, centre, cell.part, cell.table, radiance, rays)
+    blocker = blockers(cell.tree, rays.origins[:count], rays.directions[:count])
+    add_unblocked(blocker, rays.ray_of, rays.gain, radiance)
     return radiance
 
 

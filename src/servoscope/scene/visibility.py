@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from servoscope.compiled import compiled
 from servoscope.scene.camera import Lens
+from servoscope.scene.vectors import cross, dot, minus, row_of
 
 Floats = NDArray[np.float32]
 Integers = NDArray[np.int32]
@@ -140,19 +141,18 @@ def _outline(
             points[i, k] = rotation[0, k] * x + rotation[1, k] * y + rotation[2, k] * z
     count = 0
     for face in range(triangles.shape[0]):
-        a = _point(points, triangles[face, 0])
-        b = _point(points, triangles[face, 1])
-        c = _point(points, triangles[face, 2])
-        ab = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-        ac = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-        normal = _cross(ab, ac)
-        away = normal[0] * a[0] + normal[1] * a[1] + normal[2] * a[2]
+        a = row_of(points, triangles[face, 0])
+        b = row_of(points, triangles[face, 1])
+        c = row_of(points, triangles[face, 2])
+        ab, ac = minus(b, a), minus(c, a)
+        normal = cross(ab, ac)
+        away = dot(normal, a)
         if abs(away) < _EDGE_ON or (away > 0 and not is_within):
             continue
         left, right, top, bottom = _bounds(a, b, c, projection)
         if right < -0.5 or left > n - 0.5 or bottom < -0.5 or top > n - 0.5:
             continue
-        u, v, scale = _cross(ac, a), _cross(a, ab), 1 / away
+        u, v, scale = cross(ac, a), cross(a, ab), 1 / away
         for k in range(3):
             forms[count, k], forms[count, 3 + k] = scale * u[k], scale * v[k]
             forms[count, 6 + k] = scale * (normal[k] - u[k] - v[k])
@@ -161,16 +161,6 @@ def _outline(
         faces[count] = face
         count += 1
     return count
-
-
-@njit(inline="always")
-def _point(points, i):  # type: ignore[no-untyped-def]
-    return points[i, 0], points[i, 1], points[i, 2]
-
-
-@njit(inline="always")
-def _cross(a, b):  # type: ignore[no-untyped-def]
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @njit(inline="always")
