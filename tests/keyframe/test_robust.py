@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from servoscope.keyframe.motion import exponential, rotation_angle
-from servoscope.keyframe.robust import BEND, robust_scale, robust_weights, slope_share
+from servoscope.keyframe.robust import BEND, curvature_ratio, robust_scale, robust_weights
 from servoscope.keyframe.warping import UNSEEN
 
 SCALE = 2.0
@@ -26,23 +26,25 @@ def test_the_scale_is_that_of_the_median_residual(residuals):
     assert robust_scale(residuals, 0.5) == pytest.approx(expected, rel=1e-15)
 
 
-def test_the_slope_share_is_the_derivative_of_the_slope_over_the_weights(rng):
+def test_the_curvature_ratio_is_the_derivative_of_the_gradient_over_the_weights(rng):
     residuals, step = rng.normal(0, 3, 500), 1e-5
     slopes = [(_weights(r) * r).sum() for r in (residuals + step, residuals - step)]
     expected = (slopes[0] - slopes[1]) / (2 * step) / _weights(residuals).sum()
-    assert slope_share(residuals, _weights(residuals), SCALE) == pytest.approx(expected, rel=1e-7)
+    assert curvature_ratio(residuals, _weights(residuals), SCALE) == pytest.approx(
+        expected, rel=1e-7
+    )
 
 
-def test_what_is_not_seen_has_no_part_in_the_slope_share(rng):
+def test_what_is_not_seen_has_no_part_in_the_curvature_ratio(rng):
     seen = rng.normal(0, SCALE, 50)
     some = np.append(seen, np.full(20, UNSEEN))
-    share = slope_share(seen, _weights(seen), SCALE)
-    assert slope_share(some, _weights(some), SCALE) == pytest.approx(share)
+    share = curvature_ratio(seen, _weights(seen), SCALE)
+    assert curvature_ratio(some, _weights(some), SCALE) == pytest.approx(share)
 
 
 def test_small_residuals_count_as_their_weights_say():
     residuals = np.full(9, 1e-6 * BEND * SCALE)
-    assert slope_share(residuals, _weights(residuals), SCALE) == pytest.approx(1)
+    assert curvature_ratio(residuals, _weights(residuals), SCALE) == pytest.approx(1)
 
 
 @given(

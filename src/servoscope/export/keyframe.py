@@ -22,7 +22,7 @@ from servoscope.keyframe.alignment import (
     BETWEEN,
     BLURRED,
     CLEARLY_ALIKE,
-    LEAST_SLOPE,
+    LEAST_CURVATURE,
     N_COMPARED,
     N_GUESSED,
     N_STARTS,
@@ -215,7 +215,7 @@ class KeyframeGraph:
         """The variance of each number of the displacement, as `Aligner` finds it."""
         level, picture, aligner = self.levels[2], self.pictures[2], self.aligner
         found = level.linearise(picture, T, light)
-        slope = found.slope_share()
+        curvature = found.curvature_ratio()
         H, _ = level.normal_equations(found, light)
         follows = solve(H[6:, 6:], H[6:, :6], level.n_light)
         k2 = level.k**2
@@ -227,7 +227,7 @@ class KeyframeGraph:
         alone = concatenate([part.reshape(1, level.n) for part in parts])
         weighted = alone * found.w
         prior = np.diag(1 / PRIOR**2)
-        known = maximum(slope, LEAST_SLOPE) * (weighted @ found.J.transpose(1, 0)) + prior
+        known = maximum(curvature, LEAST_CURVATURE) * (weighted @ found.J.transpose(1, 0)) + prior
         B = self.search.twists(T)
         n_dofs, turned = self.search.n_dofs, B.transpose(1, 0)
         bread = B @ solve(turned @ known @ B, turned, n_dofs)

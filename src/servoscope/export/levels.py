@@ -144,8 +144,8 @@ class Linear(NamedTuple):
     w: Value
     scale: Value
 
-    def slope_share(self) -> Value:
-        """As `servoscope.keyframe.robust.slope_share`."""
+    def curvature_ratio(self) -> Value:
+        """As `servoscope.keyframe.robust.curvature_ratio`."""
         ratio = self.r / (BEND * self.scale)
         u = ratio * ratio
         changed = (self.w * (1.0 - 3.0 * u) / (1.0 + u)).sum()
@@ -340,7 +340,7 @@ class LevelGraph:
             taken = 1.0 - left_out
             H = H * (taken.reshape(size, 1) * taken) + graph.constant(np.eye(size)) * left_out
             step = self._step(H, (g * taken).reshape(size, 1), T)
-            relaxed = minimum(RELAXED / maximum(found.slope_share(), 1e-9), MOST_RELAXED)
+            relaxed = minimum(RELAXED / maximum(found.curvature_ratio(), 1e-9), MOST_RELAXED)
             step = step * where(begun, relaxed, 1.0)
             flow = reach * maximum(self.depth * step[:3].norm(), step[3:6].norm())
             step = step * minimum(LONGEST_STEP * self.width / maximum(flow, 1e-9), 1.0)

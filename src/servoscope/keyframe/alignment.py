@@ -15,7 +15,7 @@ from servoscope.keyframe.camera import CameraModel
 from servoscope.keyframe.levels import CUT, FAR, N_BLOCKS, PRIOR, Guess, Level, View, evened
 from servoscope.keyframe.lighting import Light
 from servoscope.keyframe.motion import Freedom, conjugate, exponential, logarithm, rotation_angle
-from servoscope.keyframe.robust import slope_share
+from servoscope.keyframe.robust import curvature_ratio
 from servoscope.poses import inverse_transform
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ _STIFFNESS = (3.0, 1.0, 1.0)
 N_STARTS = 5
 N_COMPARED, N_GUESSED = 5, 10
 _N_SPREAD = 200
-LEAST_SLOPE = 0.1
+LEAST_CURVATURE = 0.1
 REGISTRATION = 0.035
 """Standard deviation of the place of a block of the view beside the middles of pixels, [px]."""
 
@@ -214,15 +214,15 @@ class Aligner:
         The sandwich formula with residuals that are correlated inside blocks of the view; errors
         of registration, alike inside blocks, between pixels and where another light shows another
         shading; and the keyframe's own errors, which grow with the displacement. Robust weights
-        hold less than they say (`slope_share`).
+        hold less than they say (`curvature_ratio`).
         """
         J, r, w, scale = level.linearise(image, guess)
-        slope = slope_share(r, w, scale)
+        curvature = curvature_ratio(r, w, scale)
         grid = level.grid
         H, _ = grid.normal_equations(J, r, w, level.laplacian, level.grey, guess.light)
         alone = grid.without_light(J, level.laplacian, level.grey, H)
         information = (alone * w[:, None]).T @ J
-        known = max(slope, LEAST_SLOPE) * information + np.diag(1 / PRIOR**2)
+        known = max(curvature, LEAST_CURVATURE) * information + np.diag(1 / PRIOR**2)
         B = self.search.twists(guess.T)
         bread = B @ np.linalg.inv(B.T @ known @ B) @ B.T
         shift = self.view_shift(guess.T)

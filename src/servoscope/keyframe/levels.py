@@ -16,7 +16,7 @@ from servoscope.compiled import compiled
 from servoscope.keyframe.camera import CameraModel
 from servoscope.keyframe.lighting import Light, LightGrid
 from servoscope.keyframe.motion import Freedom, exponential
-from servoscope.keyframe.robust import robust_scale, robust_weights, slope_share
+from servoscope.keyframe.robust import curvature_ratio, robust_scale, robust_weights
 from servoscope.keyframe.warping import MOTION, N_ALIGNED, UNSEEN, _look, linearise, sample
 
 Array = NDArray[np.float64]
@@ -211,8 +211,9 @@ LEAST_DEVIATION = 1.0
 LONGEST_STEP = 0.15
 
 RELAXED, MOST_RELAXED = 1.2, 1.9
-"""All steps but the first are lengthened: by so much over the `slope_share`, since weights follow
-the residuals, and by so much at most. Below 2 no step raises the cost that the weights are of."""
+"""All steps but the first are lengthened: by so much over the `curvature_ratio`, since weights
+follow the residuals, and by so much at most. Below 2 no step raises the cost that the weights are
+of."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,7 +349,7 @@ class Level:
             guess = Guess(guess.T, guess.light.moved(_solved(H[6:, 6:], g[6:])))
         guess = Guess(guess.T, guess.light.resized(self.grid.k))
         for k in range(n_steps):
-            H, g, slope = self.normal_equations(image, guess)
+            H, g, curvature = self.normal_equations(image, guess)
             if depth < FAR:
                 H[:3], H[:, :3], g[:3] = np.eye(len(H))[:3], np.eye(len(H))[:, :3], 0.0
             if self.freedom is None:
@@ -357,7 +358,7 @@ class Level:
                 B = block_diag(self.freedom.twists(guess.T), np.eye(len(H) - 6))
                 step = B @ _solved(B.T @ H @ B, B.T @ g)
             if k:
-                step *= min(RELAXED / max(slope, 1e-9), MOST_RELAXED)
+                step *= min(RELAXED / max(curvature, 1e-9), MOST_RELAXED)
             flow = reach * max(
                 depth * float(np.linalg.norm(step[:3])), float(np.linalg.norm(step[3:6]))
             )
@@ -370,11 +371,11 @@ class Level:
         return guess
 
     def normal_equations(self, image: Array, guess: Guess) -> tuple[Array, Array, float]:
-        """Robust normal equations of a twist, defocus and light, and the `slope_share`."""
+        """Robust normal equations of a twist, defocus and light, and the `curvature_ratio`."""
         J, r, w, scale = self.linearise(image, guess)
         H, g = self.grid.normal_equations(J, r, w, self.laplacian, self.grey, guess.light)
         H[np.diag_indices(6)] += 1 / PRIOR**2
-        return H, g, slope_share(r, w, scale)
+        return H, g, curvature_ratio(r, w, scale)
 
     def compare(self, image: Array, T: Array) -> tuple[float, float]:
         """Mean correlation of blocks with what is expected there, and the share that is seen.

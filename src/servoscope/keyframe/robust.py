@@ -78,10 +78,11 @@ def robust_weights(residuals: NDArray[Any], scale: float, weights: NDArray[Any])
 
 
 @compiled(fastmath=True, error_model="numpy")
-def slope_share(residuals: NDArray[Any], weights: NDArray[Any], scale: float) -> float:
+def curvature_ratio(residuals: NDArray[Any], weights: NDArray[Any], scale: float) -> float:
     """Curvature of the robust cost over that of the weighted squares, 1 at most.
 
-    A residual of the weight ``w`` bends the former by ``w (1 - 3 u) / (1 + u)``, the latter by w.
+    It is ``E[psi'] / E[w]`` of M-estimation: a residual of the weight ``w`` bends the former by
+    ``w (1 - 3 u) / (1 + u)``, the latter by w.
 
     Parameters
     ----------
