@@ -40,6 +40,18 @@ def test_the_camera_has_the_keyframe_s_noise_and_the_condition_s():
         assert difference.std() / np.sqrt(2) == pytest.approx(deviation, rel=0.1)
 
 
+def test_without_noise_the_image_changes_with_the_pose_alone():
+    robot = cell("covered_20")
+    robot.noise, away = 0.0, rigid_transform(np.eye(3), [0.002, 0.0, 0.0])
+    before, again = robot.read(), robot.read()
+    robot.move(away)
+    aside = robot.read()
+    robot.move(inverse_transform(away))
+    np.testing.assert_array_equal(before, again)
+    assert (aside != before).mean() > 0.1
+    assert np.abs(robot.read().astype(float) - before).max() <= 1
+
+
 def test_what_covers_the_view_stays_where_it_is():
     robot, free = cell("covered_20"), cell("range_1.0")
     covered = np.abs(robot.read().astype(float) - free.read()) > 8

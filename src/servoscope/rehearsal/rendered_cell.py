@@ -117,15 +117,22 @@ class RenderedCell(FreeMotion):
         self.noise = float(np.hypot(condition.gain * noise, condition.noise))
         self.seed = seed
         self._disturbances = condition.disturbances()
+        self._seen: tuple[Array, Array] | None = None
 
     def read(self) -> NDArray[np.uint8]:
         """The image from where it is."""
+        if self._seen is None or self._seen[0] is not self._reached:
+            self._seen = self._reached, self._grey()
+        grey = self._seen[1] + added_noise(self._seen[1].shape, self.noise, self._noise_rng)
+        return np.rint(grey.clip(0, 255)).astype(np.uint8)
+
+    def _grey(self) -> Array:
+        """What is seen from where it is, but for the noise."""
         clean = self.view.image(self._reached)
         if self.condition.falloff:
             clean = np.asarray(Falloff(*self.condition.falloff, seed=self.seed).shade(clean))
-        disturbed = self._disturbances.disturb_grey(clean, np.random.default_rng(self.seed))
-        grey = disturbed + added_noise(clean.shape, self.noise, self._noise_rng)
-        return np.rint(grey.clip(0, 255)).astype(np.uint8)
+        rng = np.random.default_rng(self.seed)
+        return np.asarray(self._disturbances.disturb_grey(clean, rng))
 
 
 def cell_at_start(
