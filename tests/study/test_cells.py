@@ -40,7 +40,11 @@ def test_cells_are_spread_evenly_and_each_has_another_part_and_seed():
         edges = np.linspace(low, high, 11)
         assert ((edges[:-1] <= values) & (values <= edges[1:])).all()
     assert len({cell.scene(32).part.variant for cell in cells}) == 10
-    assert make_cells(10, seed=3) == cells != make_cells(10, seed=4)
+    others = make_cells(10, seed=4)
+    assert make_cells(10, seed=3) == cells
+    for what in (lambda cell: cell.own_seed, lambda cell: cell.scene(32).part.variant):
+        assert not set(map(what, cells)) & set(map(what, others))
+    assert not {cell.factors["sensor"] for cell in cells} & {c.factors["sensor"] for c in others}
 
 
 def test_lights_move_but_shine_as_brightly_in_all():

@@ -12,7 +12,7 @@ from servoscope.errors import InvalidInputError, RunFolderError
 from servoscope.processes import in_processes
 from servoscope.storage.folders import write_json
 from servoscope.storage.run_folder import VERSION, RunFolder, owned_run_folder, read_json
-from servoscope.study.cells import make_cells, study_cell, summarise_cells
+from servoscope.study.cells import MOST_CELLS, make_cells, study_cell, summarise_cells
 from servoscope.study.cells_page import (
     depends_table,
     describe_order,
@@ -38,8 +38,8 @@ def study_cells(
     json: bool,
 ) -> None:
     """Make the study in many cells, write the page of all, and print what was found."""
-    if n_cells < 1:
-        raise InvalidInputError(f"--cells must be at least 1, got {n_cells}.")
+    if not 1 <= n_cells <= MOST_CELLS:
+        raise InvalidInputError(f"--cells must be from 1 to {MOST_CELLS}, got {n_cells}.")
     settings = {"command": CELLS_COMMAND, **asdict(config), "n_cells": n_cells}
     settings |= {"n_images": n_images, "image_size": image_size}
     with owned_run_folder(out, settings, resume=resume, force=force) as run:

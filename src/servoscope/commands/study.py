@@ -36,7 +36,8 @@ def study(
         n_images: Number of images, of each cell.
         image_size: Height and width of the images, in pixels; 256 by default, 64 with --cells.
         cells: Number of cells to make a lighter study in, with one trial a net and 7 thresholds.
-        seed: Seed of the poses, the noise, the split and the nets.
+        seed: Seed of the poses, the noise, the split and the nets; with --cells of all that
+            differs between cells.
     """
     from dataclasses import asdict
     from functools import partial

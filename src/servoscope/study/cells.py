@@ -50,6 +50,10 @@ def lighter(config: StudyConfig) -> StudyConfig:
     return replace(config, restarts=1, n_thresholds=7)
 
 
+MOST_CELLS = 1000
+"""Cells of one seed."""
+
+
 @dataclass(frozen=True)
 class Cell:
     """A simulated cell: another casting, lights, lens and sensor, and the seed of all draws.
@@ -57,8 +61,7 @@ class Cell:
     Parameters
     ----------
     number : int
-        From 0; the variant of the part, and the seed of the poses, the noise, the split and the
-        nets follow from it.
+        From 0.
     factors : dict
         By the names of `FACTORS`.
     seed : int
@@ -69,12 +72,20 @@ class Cell:
     factors: Mapping[str, float]
     seed: int = 0
 
+    @property
+    def own_seed(self) -> int:
+        """The variant of the part, and the seed of the poses, the noise, the split and the nets.
+
+        Cells of other seeds have others: a study of them is one of other cells.
+        """
+        return MOST_CELLS * self.seed + self.number
+
     def scene(self, image_size: int) -> Scene:
         """What is seen."""
         f = self.factors
         lens = replace(Lens(), focal_length=f["focal_length"], distortion=(f["distortion"], 0.04))
         sensor = replace(_sensor(f["sensor"]), exposure=f["exposure"])
-        part = AcquisitionConfig(variant=self.number).scene().part
+        part = AcquisitionConfig(variant=self.own_seed).scene().part
         return Scene(part, self._lighting(), lens, sensor, image_size)
 
     def _lighting(self) -> Lighting:
@@ -154,7 +165,7 @@ def study_cell(cell: Cell, n_images: int, image_size: int, config: StudyConfig) 
         the degrees of freedom and the displacement forms, under the paper's protocol.
     """
     start = time.perf_counter()
-    seed = config.seed + cell.number
+    seed = cell.own_seed
     with TemporaryDirectory(dir=scratch_folder(), ignore_cleanup_errors=True) as scratch:
         place = Path(scratch)
         config = replace(config, seed=seed)
