@@ -8,6 +8,7 @@ from html_page import check_page
 from servoscope.cli import main
 from servoscope.commands import run_cells
 from servoscope.scene.lighting import Lighting
+from servoscope.storage.folders import write_json
 from servoscope.storage.run_folder import read_json
 from servoscope.study import StudyConfig
 from servoscope.study.cells import (
@@ -127,6 +128,20 @@ def test_a_run_goes_on_with_the_cells_that_are_left_and_its_page_says_what_was_f
     (run / "report.html").unlink()
     assert main(["report", str(run), "--jobs", "1"]) == 0
     assert "Of 2 statements of the paper 1 hold" in check_page(run / "report.html").source
+
+
+def test_the_report_of_a_damaged_summary_is_one_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(run_cells, "study_cell", found_in)
+    run = tmp_path / "run"
+    assert main(["study", "--cells", "2", "--out", str(run), "--jobs", "1"]) == 0
+    summary = read_json(run / "summary.json")
+    summary["cells"][0]["seconds"] = "long"
+    write_json(run / "summary.json", summary)
+    capsys.readouterr()
+    assert main(["report", str(run), "--jobs", "1"]) == 1
+    assert capsys.readouterr().err == (
+        f"servoscope: {run / 'summary.json'} is damaged; make the run again with --force.\n"
+    )
 
 
 @pytest.mark.slow

@@ -68,9 +68,10 @@ def study_cells(
 
 def write_cells_report(run: Path) -> Path:
     """Write the page of a finished run again."""
+    summary = read_json(run / "summary.json")
     try:
-        return write_cells_page(run / "report.html", read_json(run / "summary.json"))
-    except (KeyError, TypeError, IndexError, AttributeError) as error:
+        return write_cells_page(run / "report.html", summary)
+    except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
         raise RunFolderError(
             f"{run / 'summary.json'} is damaged; make the run again with --force."
         ) from error
