@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -131,16 +132,16 @@ def innovation(
     """
     unit = np.where(reach > 0, reach, 1.0)
 
-    def about_pivot(displacement: Array) -> Array:
-        return displacements_from_poses(np.eye(4), displacement[None], pivot)[0]
-
     def size(delta_p: Array) -> float:
         return float(np.sqrt(np.mean((delta_p / unit) ** 2)))
 
-    seen = about_pivot(after.displacement)
-    start = about_pivot(before.displacement)
     expected = before.displacement @ moved
-    move = about_pivot(expected) - start
+    really = inverse_transform(before.displacement) @ after.displacement
+    faults = _explanations(moved, really, pivot)
+    of_faults = [before.displacement @ other for others in faults.values() for other in others]
+    poses = np.stack([before.displacement, after.displacement, expected, *of_faults])
+    start, seen, end, *ends = displacements_from_poses(np.eye(4), poses, pivot)
+    move = end - start
     difference = seen - start - move
     believed = np.hypot(before.std, after.std)
     known = np.isfinite(believed)
@@ -150,11 +151,8 @@ def innovation(
     deviations = float(np.sqrt(np.mean(ratio[judged] ** 2)))
     squared = max(size(move) ** 2, 1e-24)
     along = float(np.mean((seen - start) * move / unit**2)) / squared
-    really = inverse_transform(before.displacement) @ after.displacement
-    explained = {
-        cause: min(size(about_pivot(before.displacement @ other) - seen) for other in others)
-        for cause, others in _explanations(moved, really, pivot).items()
-    }
+    misses = (size(end - seen) for end in ends)
+    explained = {cause: min(islice(misses, len(others))) for cause, others in faults.items()}
     explained[_SCALED] += _FITS / 2 * size(move)
     cause = min(explained, key=lambda cause: explained[cause])
     fits = explained[cause] <= _FITS * size(move)
