@@ -17,7 +17,7 @@ import pytest
 
 pytest.importorskip("distributed")
 
-from servoscope.cluster import current, on_cluster
+from servoscope.cluster import _ends_held, current, on_cluster
 from servoscope.errors import InvalidInputError, ProcessesError, ServoscopeWarning
 from servoscope.processes import in_processes
 
@@ -143,6 +143,57 @@ def test_a_killed_worker_changes_no_result(cluster, tmp_path):
     assert (tmp_path / "killed").exists()
 
 
+def test_workers_of_another_version_are_refused(cluster, monkeypatch):
+    monkeypatch.setattr("servoscope.cluster.__version__", "0.0.1")
+    with pytest.raises(ProcessesError, match=r"this machine 0\.0\.1, .* install the same"):
+        list(in_processes(abs, [(1,)]))
+
+
+def test_ctrl_c_in_a_terminal_is_heard_by_the_command_alone(tmp_path):
+    """Nor is it by a worker that was started in place of another."""
+    code = (
+        "import test_cluster, time\n"
+        "from pathlib import Path\n"
+        "from servoscope.cluster import on_cluster\n"
+        "from servoscope.processes import in_processes\n"
+        "if __name__ == '__main__':\n"
+        "    try:\n"
+        "        with on_cluster(n_workers=1):\n"
+        f"            place = Path({str(tmp_path)!r})\n"
+        "            list(in_processes(test_cluster.killed_once, [(place, 0), (place, 1)]))\n"
+        "            print('replaced', flush=True)\n"
+        "            time.sleep(30)\n"
+        "    except KeyboardInterrupt:\n"
+        "        print('interrupted')\n"
+    )
+    (tmp_path / "command.py").write_text(code)
+    process = subprocess.Popen(
+        [sys.executable, "-Wignore", str(tmp_path / "command.py")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)},
+    )
+    assert process.stdout.readline() == "replaced\n"
+    os.killpg(process.pid, signal.SIGINT)
+    assert process.communicate(timeout=20) == ("interrupted\n", "")
+
+
+def begun(steps):
+    with _ends_held():
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.01)
+        steps.append("whole")
+
+
+def test_ctrl_c_waits_until_workers_are_started():
+    steps = []
+    with pytest.raises(KeyboardInterrupt):
+        begun(steps)
+    assert steps == ["whole"]
+
+
 def test_what_kills_every_worker_ends_in_one_line():
     with on_cluster(n_workers=1) as cluster:
         cluster.client.run_on_scheduler(_allow_no_failure)
@@ -257,3 +308,18 @@ def refused(address, why, monkeypatch):
 def test_either_an_address_or_a_number_of_workers_is_given():
     with pytest.raises(InvalidInputError, match="not both"), on_cluster("tcp://127.0.0.1:1", 2):
         pass
+
+
+@pytest.mark.parametrize(
+    ("address", "n_workers", "words"),
+    [
+        ("tcp://somebody:secret@127.0.0.1:1", None, "no user and no password"),
+        (None, 10**9, r"at most \d+ workers on this machine"),
+        (None, 0, "1 worker or more"),
+    ],
+)
+def test_what_no_workers_can_be_had_by_is_refused(address, n_workers, words):
+    asked = on_cluster(address, n_workers)
+    with pytest.raises(InvalidInputError, match=words) as caught, asked:
+        pass
+    assert "secret" not in str(caught.value)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -13,6 +16,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from servoscope import __version__
 from servoscope.errors import (
     InvalidInputError,
     ProcessesError,
@@ -29,6 +33,11 @@ _AHEAD = 3
 
 _CONNECT_S, _WATCH_S = 10.0, 30.0
 """Seconds for a scheduler to answer, and between looks whether it has workers."""
+
+_MOST_WORKERS = 16
+"""For each core of this machine: more take its memory, and share its cores all the same."""
+
+_ENDS = (signal.SIGINT, signal.SIGTERM)
 
 _in_use: list[Cluster] = []
 
@@ -63,51 +72,98 @@ def on_cluster(address: str | None = None, n_workers: int | None = None) -> Iter
         raise InvalidInputError("Give the address of a scheduler or a number of workers, not both.")
     if n_workers is not None and n_workers < 1:
         raise InvalidInputError(f"There must be 1 worker or more, got {n_workers}.")
-    with ExitStack() as stack:
-        try:
-            client = _connected(address, n_workers, stack)
-        except ImportError as error:
-            raise ProcessesError(
-                'Sharing work with workers needs dask; install it: pip install "servoscope[dask]".'
-            ) from error
-        except (OSError, TypeError, ValueError, RuntimeError) as error:
-            raise ProcessesError(
-                f"No workers can be had {'here' if address is None else f'at {address}'} "
-                f"({one_line(error)}); start a scheduler and workers (dask scheduler, dask "
-                "worker), or use --workers."
-            ) from error
-        cluster = Cluster(client)
+    most = _MOST_WORKERS * (os.cpu_count() or 1)
+    if n_workers is not None and n_workers > most:
+        raise InvalidInputError(f"There are at most {most} workers on this machine, got more.")
+    if address is not None and "@" in address:
+        raise InvalidInputError(
+            "The address of a scheduler has no user and no password; use certificates, and an "
+            "address such as tls://192.0.2.7:8786."
+        )
+    stack = ExitStack()
+    try:
+        cluster = Cluster(_connected_or_refused(address, n_workers, stack))
         _in_use.append(cluster)
         stack.callback(_in_use.remove, cluster)
         yield cluster
+    finally:
+        with _ends_held():
+            stack.close()
+
+
+def _connected_or_refused(address: str | None, n_workers: int | None, stack: ExitStack) -> Any:
+    """What `_connected` gives, or a `ProcessesError`."""
+    try:
+        return _connected(address, n_workers, stack)
+    except ImportError as error:
+        raise ProcessesError(
+            'Sharing work with workers needs dask; install it: pip install "servoscope[dask]".'
+        ) from error
+    except (OSError, TypeError, ValueError, RuntimeError) as error:
+        raise ProcessesError(
+            f"No workers can be had {'here' if address is None else f'at {address}'} "
+            f"({one_line(error)}); start a scheduler and workers (dask scheduler, dask "
+            "worker), or use --workers."
+        ) from error
+
+
+@contextmanager
+def _ends_held() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM wait for the end of the block: dask is not half begun or half ended.
+
+    Ctrl-C in a terminal goes to all processes that were started from there. Those that threads of
+    the block ever start do not hear it.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = {number: signal.signal(number, lambda n, _: came.append(n)) for number in _ENDS}
+    can_mask = hasattr(signal, "pthread_sigmask")
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if can_mask else set()
+    try:
+        yield
+    finally:
+        if can_mask:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for came_first in came[:1]:
+            signal.raise_signal(came_first)
 
 
 def _connected(address: str | None, n_workers: int | None, stack: ExitStack) -> Any:
     """A client of a scheduler that has a worker; the stack closes what is begun."""
-    import asyncio
-    from concurrent.futures import ThreadPoolExecutor
+    from multiprocessing import resource_tracker
 
     import dask
     import distributed
+    from distributed.gc import disable_gc_diagnosis
+    from distributed.utils import LoopRunner, sync
 
     stack.enter_context(dask.config.set({"distributed.comm.timeouts.connect": _CONNECT_S}))
     scheduler: Any = address
     if address is not None:
-        with ThreadPoolExecutor(1) as beside:  # a notebook has an event loop of its own
-            beside.submit(asyncio.run, _check_scheduler(address)).result()
-    if n_workers is not None:
-        scheduler = stack.enter_context(
-            distributed.LocalCluster(
-                n_workers=n_workers,
-                threads_per_worker=1,
-                host="127.0.0.1",
-                dashboard_address="127.0.0.1:0",
-                silence_logs="CRITICAL",
+        beside = LoopRunner()  # a notebook has an event loop of its own
+        beside.start()
+        stack.callback(beside.stop)
+        sync(beside.loop, _check_scheduler, address)
+    resource_tracker.ensure_running()  # its first start lets the thread hear Ctrl-C
+    with _ends_held():
+        if n_workers is not None:
+            scheduler = stack.enter_context(
+                distributed.LocalCluster(
+                    n_workers=n_workers,
+                    threads_per_worker=1,
+                    host="127.0.0.1",
+                    dashboard_address="127.0.0.1:0",
+                    silence_logs="CRITICAL",
+                )
             )
+        client = stack.enter_context(
+            distributed.Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
         )
-    client = stack.enter_context(
-        distributed.Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
-    )
+    disable_gc_diagnosis(force=True)  # which swallows a Ctrl-C that comes within it
     client.wait_for_workers(1, timeout=_CONNECT_S)
     return client
 
@@ -206,7 +262,7 @@ class Cluster:
         self, function: Callable[..., Any], call: tuple[Any, ...], sent: dict[int, tuple[Any, Any]]
     ) -> Any:
         arguments = tuple(self._sent(argument, sent) for argument in call)
-        return self.client.submit(_run, function, arguments, pure=False)
+        return self.client.submit(_run, __version__, function, arguments, pure=False)
 
     def _sent(self, argument: Any, sent: dict[int, tuple[Any, Any]]) -> Any:
         """An argument, or what stands for a large array, at any depth of tuples."""
@@ -254,7 +310,12 @@ _ONE_AT_A_TIME = Lock()
 """Warnings that a call records, and the threads of BLAS, are of the whole process."""
 
 
-def _run(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+def _run(version: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     """A call at a worker, which has one BLAS thread, and makes no other meanwhile."""
+    if version != __version__:
+        raise ProcessesError(
+            f"A worker has servoscope {__version__} and this machine {version}, which may find "
+            "other figures; install the same everywhere."
+        )
     with _ONE_AT_A_TIME, threadpool_limits(1, user_api="blas"):
         return function(*arguments)
