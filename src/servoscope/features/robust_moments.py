@@ -128,12 +128,11 @@ class RobustProjection:
         expected[0] = 1 / _SCALE_DEVIATION
         weighted = values / self.noise * np.tile(weights, self.n_layers)
         right = weighted @ self._design.T + expected
-        packed, ends = weights @ _grams(self), np.cumsum(np.arange(n_rows, 0, -1))
+        packed, upper = weights @ _grams(self), _upper(n_rows)
         left, solutions = np.zeros((n_rows, n_rows)), np.empty_like(right)
         for solution, products, on_the_right in zip(solutions, packed, right, strict=True):
-            for i, row in enumerate(np.split(products, ends[:-1])):
-                left[i, i:] = row
-            left[np.diag_indices(n_rows)] += 1
+            left[upper] = products
+            left.flat[:: n_rows + 1] += 1
             solution[:] = _solve_positive(left, on_the_right)
         return solutions
 
@@ -150,12 +149,17 @@ def _grams(projection: RobustProjection) -> Array:
     They take more room than all else of a projection, and are kept for the two used last.
     """
     design, n_layers = projection._design, projection.n_layers
-    upper = np.tri(len(design), dtype=bool).T
+    upper = _upper(len(design))
     by_place = design.reshape(len(design), n_layers, -1).transpose(2, 0, 1)
     grams = np.empty((len(by_place), int(upper.sum())))
     for row, place in zip(grams, by_place, strict=True):
         row[:] = (place @ place.T)[upper]
     return grams
+
+
+def _upper(n_rows: int) -> NDArray[np.bool_]:
+    """Where the upper triangle of a matrix is."""
+    return np.tri(n_rows, dtype=bool).T
 
 
 def fit_robust_projection(
