@@ -113,11 +113,11 @@ def face_states(geometry: Geometry, lamps: Floats) -> NDArray[np.uint8]:
     states = np.empty((len(triangles), len(lamps)), np.uint8)
     n_points = np.bincount(faces, minlength=len(states))
     for k, lamp in enumerate(lamps):
-        blocked = blockers(geometry.tree, points, lamp[:3] - points) >= 0
-        n_lit = np.bincount(faces[~blocked], minlength=len(states))
+        turned_to = ((lamp[:3] - a) * normals).sum(axis=1) > 0
+        tried = np.flatnonzero(turned_to[faces])
+        blocked = blockers(geometry.tree, points[tried], lamp[:3] - points[tried]) >= 0
+        n_lit = np.bincount(faces[tried[~blocked]], minlength=len(states))
         states[:, k] = np.where(n_lit == 0, DARK, np.where(n_lit == n_points, LIT, IN_PART))
-        turned_away = ((lamp[:3] - a) * normals).sum(axis=1) <= 0
-        states[turned_away, k] = DARK
     return states
 
 
