@@ -153,7 +153,10 @@ def test_a_server_that_lists_no_sizes_is_refused_in_one_line(in_memory, monkeypa
     ("address", "words"),
     [
         ("memory://nowhere/set", "is not a data set folder"),
-        ("nosuch://a/b", "cannot be read"),
+        ("nosuch://a/b", "cannot be read .* see that it is the address"),
+        ("zip://a/b", "cannot be read .* see that it is the address"),
+        ("ftp://127.0.0.1:1/a", "cannot be read .* see that it is the address"),
+        ("jupyter://127.0.0.1:1/a", "cannot be read .* see that it is the address"),
         ("simplecache::memory://cell/set", "is not followed"),
         ("reference://cell", "is not followed"),
     ],

@@ -73,11 +73,14 @@ def _file_system(address: str) -> tuple[Any, str]:
         from fsspec.core import url_to_fs
 
         file_system, root = url_to_fs(address)
-    except (ImportError, ValueError) as error:
-        wanted = _EXTRAS.get(str(scheme), "servoscope[cloud]")
+    except ImportError as error:
+        package = f': pip install "{_EXTRAS[scheme]}"' if scheme in _EXTRAS else ""
         raise DataSetError(
-            f"{address} cannot be read ({one_line(error)}); install what reads it: pip install "
-            f'"{wanted}".'
+            f"{address} cannot be read ({one_line(error)}); install what reads it{package}."
+        ) from error
+    except Exception as error:  # file systems raise of every kind
+        raise DataSetError(
+            f"{address} cannot be read ({one_line(error)}); see that it is the address of a folder."
         ) from error
     return file_system, str(root).rstrip("/")
 
