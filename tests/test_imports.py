@@ -14,6 +14,12 @@ import servoscope
 SOURCE = Path(servoscope.__file__).parent
 FILES = sorted(SOURCE.rglob("*.py"))
 
+
+@pytest.fixture(scope="module")
+def trees():
+    return {file.relative_to(SOURCE): ast.parse(file.read_text()) for file in FILES}
+
+
 # From left to right: a module imports from rooms to its left, or from its own.
 ROOMS = (
     ("errors", "wording"),
@@ -48,8 +54,8 @@ EDGE = {"scene", "formats", "robots", "acquisition"}
 CORE = {"features", "kernels", "selection", "regression", "keyframe"}
 
 
-def room_of(file):
-    return file.relative_to(SOURCE).parts[0].removesuffix(".py")
+def room_of(path):
+    return path.parts[0].removesuffix(".py")
 
 
 def imported_rooms(tree):
@@ -75,15 +81,18 @@ def may_import(room, other):
     return other == room or (other in RANK and RANK[other] < RANK[room])
 
 
-def test_there_is_a_place_for_every_module():
-    assert {room_of(file) for file in FILES} - {"__init__"} <= set(RANK)
+def test_there_is_a_place_for_every_module(trees):
+    assert {room_of(path) for path in trees} - {"__init__"} <= set(RANK)
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(SOURCE)))
-def test_imports_go_one_way(file):
-    room = room_of(file)
-    wrong = [o for o in imported_rooms(ast.parse(file.read_text())) if not may_import(room, o)]
-    assert not wrong, f"{room} may not import {wrong}"
+def test_imports_go_one_way(trees):
+    wrong = [
+        f"{path} imports {room}"
+        for path, tree in trees.items()
+        for room in imported_rooms(tree)
+        if not may_import(room_of(path), room)
+    ]
+    assert not wrong
 
 
 @pytest.mark.parametrize(
@@ -147,9 +156,14 @@ def is_unsafe(node):
     return pickles or called in {"eval", "exec", "joblib.load", "joblib.dump"}
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(SOURCE)))
-def test_nothing_is_pickled_and_no_text_is_run(file):
-    assert not [n.lineno for n in ast.walk(ast.parse(file.read_text())) if is_unsafe(n)]
+def test_nothing_is_pickled_and_no_text_is_run(trees):
+    unsafe = [
+        f"{path}:{node.lineno}"
+        for path, tree in trees.items()
+        for node in ast.walk(tree)
+        if is_unsafe(node)
+    ]
+    assert not unsafe
 
 
 @pytest.mark.parametrize(
