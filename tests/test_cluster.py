@@ -2,6 +2,8 @@
 
 import gc
 import importlib
+import io
+import logging
 import os
 import signal
 import socket
@@ -232,14 +234,25 @@ def scheduler(tmp_path):
             os.killpg(process.pid, signal.SIGKILL)
 
 
-def test_a_lost_scheduler_ends_in_one_line(scheduler):
+@pytest.fixture
+def log_of_dask():
+    """What dask logs to be seen."""
+    seen = io.StringIO()
+    handler, logger = logging.StreamHandler(seen), logging.getLogger("distributed")
+    logger.addHandler(handler)
+    yield seen
+    logger.removeHandler(handler)
+
+
+def test_a_lost_scheduler_ends_in_one_line(scheduler, log_of_dask):
     process, address = scheduler
-    with on_cluster(address):
+    with on_cluster(f"{address}/"):
         results = in_processes(time.sleep, [(0.3,)] * 100)
         assert next(results) is None
         os.killpg(process.pid, signal.SIGKILL)
         with pytest.raises(ProcessesError, match=r"scheduler is lost .* --resume"):
             list(results)
+    assert not log_of_dask.getvalue()
 
 
 def test_a_worker_out_of_memory_is_replaced_and_changes_no_result(scheduler, tmp_path):

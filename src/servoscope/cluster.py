@@ -139,15 +139,17 @@ def _connected(address: str | None, n_workers: int | None, stack: ExitStack) -> 
     import dask
     import distributed
     from distributed.gc import disable_gc_diagnosis
-    from distributed.utils import LoopRunner, sync
+    from distributed.utils import LoopRunner, silence_logging_cmgr, sync
 
     stack.enter_context(dask.config.set({"distributed.comm.timeouts.connect": _CONNECT_S}))
-    scheduler: Any = address
+    stack.enter_context(silence_logging_cmgr("CRITICAL"))  # importing dask sets its own levels
+    scheduler: Any = None
     if address is not None:
+        scheduler = address.rstrip("/")
         beside = LoopRunner()  # a notebook has an event loop of its own
         beside.start()
         stack.callback(beside.stop)
-        sync(beside.loop, _check_scheduler, address)
+        sync(beside.loop, _check_scheduler, scheduler)
     resource_tracker.ensure_running()  # its first start lets the thread hear Ctrl-C
     with _ends_held():
         if n_workers is not None:
