@@ -12,6 +12,7 @@ from servoscope.positioning.reference_view import ReferenceView
 from servoscope.positioning.result import PositioningResult
 from servoscope.positioning.run import OnStep, Run
 from servoscope.positioning.settings import LoopSettings
+from servoscope.processes import one_blas_thread
 
 
 class Positioner:
@@ -108,5 +109,10 @@ class Positioner:
         PositioningResult
             Faults of the camera, the robot, the estimator or `on_step`, Ctrl-C and SIGTERM are
             reported in it, never raised.
+
+        Notes
+        -----
+        BLAS is kept to one thread meanwhile: a run is the same on any number of cores.
         """
-        return Run(self.estimator, self.settings, robot, camera, on_step).until_end(dry_run)
+        with one_blas_thread():
+            return Run(self.estimator, self.settings, robot, camera, on_step).until_end(dry_run)
