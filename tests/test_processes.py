@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import blas_sample
 from servoscope.errors import ProcessesError
 from servoscope.processes import in_processes, stop_processes
 from servoscope.storage.folders import SHARED_MEMORY, remove_abandoned
@@ -206,3 +207,16 @@ def test_processes_that_cannot_be_started_are_one_sentence(monkeypatch):
     monkeypatch.setattr("servoscope.processes.joblib.Parallel.__call__", fail)
     with pytest.raises(ProcessesError, match=r"started \(No space left on device\).*--jobs 1"):
         list(in_processes(divmod, [(7, 2)], n_jobs=2))
+
+
+def test_any_number_of_blas_threads_gives_the_same():
+    """Tests have one; `one_blas_thread` has to see to it where there are more."""
+    done = subprocess.run(
+        [sys.executable, blas_sample.__file__],
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "2"},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    assert done.stdout.split() == blas_sample.digests()
