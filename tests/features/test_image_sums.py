@@ -32,9 +32,13 @@ def data():
 @pytest.fixture(scope="module")
 def on_disk(data, tmp_path_factory):
     path = tmp_path_factory.mktemp("stack") / "images.zarr"
-    create_stack(path, data.images.shape, "uint8")
-    write_stack(path, 0, data.images)
-    return Stack(path, data.images.shape, "uint8")
+    return written(path, data.images)
+
+
+def written(path, images):
+    create_stack(path, images.shape, "uint8")
+    write_stack(path, 0, images)
+    return Stack(path, images.shape, "uint8")
 
 
 def normalised(images):
@@ -70,6 +74,63 @@ def test_statistics_of_no_images_are_refused() -> None:
         ImageSums(4).finalize()
 
 
+def sums(n_pixels=576, n_targets=1, directions=0):
+    found = ImageSums(n_pixels, n_targets, np.eye(n_pixels, directions))
+    images = np.random.default_rng(0).integers(0, 256, (5, n_pixels))
+    return found.update(images, np.ones((5, n_targets)))
+
+
+@pytest.mark.parametrize("other", [sums(1), sums(575), sums(n_targets=2), sums(directions=1)])
+def test_sums_over_others_are_not_merged(other) -> None:
+    with pytest.raises(InvalidInputError, match="as many pixels and targets"):
+        sums().merge(other)
+
+
+@pytest.mark.parametrize(
+    ("images", "targets", "words"),
+    [
+        (np.ones((5, 575)), np.ones((5, 1)), r"shape \(n, 576\).*got \(5, 575\)"),
+        (np.ones((5, 24, 24)), np.ones((5, 1)), r"got \(5, 24, 24\)"),
+        (np.full((5, 576), np.nan), np.ones((5, 1)), "must be finite"),
+        (np.full((5, 576), 1e200), np.ones((5, 1)), "finite sum"),
+        (np.ones((5, 576)), np.ones((4, 1)), r"\(5, 1\), one row an image, got \(4, 1\)"),
+        (np.ones((5, 576)), np.ones(5), r"got \(5,\)"),
+        (np.ones((5, 576)), np.full((5, 1), np.inf), "targets must be finite"),
+        (np.ones((5, 576)), None, r"got \(5, 0\)"),
+    ],
+)
+def test_a_block_that_is_refused_adds_nothing(images, targets, words) -> None:
+    found, same = sums(), sums()
+    with pytest.raises(InvalidInputError, match=words):
+        found.update(images, targets)
+    for value, before in zip(found.finalize(), same.finalize(), strict=True):
+        np.testing.assert_array_equal(value, before)
+
+
+def test_an_empty_block_adds_nothing() -> None:
+    found = sums().update(np.empty((0, 576), np.uint8), np.empty((0, 1)))
+    np.testing.assert_array_equal(found.finalize().mean, sums().finalize().mean)
+    assert found.n_images == 5
+
+
+def test_eigenvectors_of_noisy_images_are_found_though_their_eigenvalues_lie_close(
+    data, tmp_path
+) -> None:
+    noisy = data.images + np.random.default_rng(0).normal(scale=3, size=data.images.shape)
+    images = noisy.clip(0, 255).astype(np.uint8)
+    X = normalised(images)
+    lengths = np.linalg.svd(X - X.mean(axis=0), compute_uv=False)
+    found = leading_eigenvectors(written(tmp_path / "noisy", images).flat(), 85)[1]
+    truth = lengths[:85] ** 2
+    assert_allclose(found, truth, rtol=0, atol=1e-9 * truth[0])
+
+
+def test_images_that_are_all_alike_have_no_eigenvectors(data, tmp_path) -> None:
+    alike = written(tmp_path / "alike", np.repeat(data.images[:1], 30, axis=0))
+    with pytest.raises(InvalidInputError, match="vary in 0 directions"):
+        leading_eigenvectors(alike.flat(), 3)
+
+
 def test_eigenvectors_are_those_of_a_singular_value_decomposition(data, on_disk) -> None:
     X = normalised(data.images)
     _, lengths, vectors = np.linalg.svd(X - X.mean(axis=0), full_matrices=False)
@@ -83,9 +144,7 @@ def test_eigenvectors_are_those_of_a_singular_value_decomposition(data, on_disk)
 def test_more_eigenvectors_than_the_images_have_are_refused(tmp_path) -> None:
     images = np.zeros((30, 4, 4), np.uint8)
     images[:, 0, 0], images[:, 1, 1] = 100, np.arange(30)
-    create_stack(tmp_path / "few", images.shape, "uint8")
-    write_stack(tmp_path / "few", 0, images)
-    stack = Stack(tmp_path / "few", images.shape, "uint8")
+    stack = written(tmp_path / "few", images)
     with pytest.raises(InvalidInputError, match=r"5 eigenvectors .* vary in 2"):
         Eigenfeatures(5).fit(stack)
     with pytest.raises(InvalidInputError, match=r"one row for each of 30 images, got .*\(29, 6\)"):
@@ -94,10 +153,8 @@ def test_more_eigenvectors_than_the_images_have_are_refused(tmp_path) -> None:
 
 def test_more_eigenvectors_than_pixels_are_refused(tmp_path) -> None:
     images = np.random.default_rng(0).integers(0, 256, (40, 3, 4), dtype=np.uint8)
-    create_stack(tmp_path / "small", images.shape, "uint8")
-    write_stack(tmp_path / "small", 0, images)
     with pytest.raises(InvalidInputError, match=r"20 eigenvectors .* vary in 12"):
-        Eigenfeatures(20).fit(Stack(tmp_path / "small", images.shape, "uint8"))
+        Eigenfeatures(20).fit(written(tmp_path / "small", images))
 
 
 @pytest.mark.parametrize(

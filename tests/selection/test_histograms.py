@@ -136,8 +136,38 @@ def test_counts_of_blocks_give_the_information_of_all_samples(seed, n_bins, cuts
     for part in rng.permutation(len(cuts) + 1):
         rows = np.split(np.arange(200), sorted(cuts))[part]
         own = JointCounts(*ranges, n_bins)
-        counts.merge(own.update(X[rows], y[rows]) if len(rows) else own)
+        counts.merge(own.update(X[rows], y[rows]))
     np.testing.assert_array_equal(counts.finalize(), mutual_information(X, y, n_bins))
+
+
+ONE = ([0.0], [1.0])
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        JointCounts(([0.0], [2.0]), ONE),
+        JointCounts(ONE, ([-1.0], [1.0])),
+        JointCounts(ONE, ONE, n_bins=5),
+        JointCounts(([0.0, 0.0], [1.0, 1.0]), ONE),
+    ],
+)
+def test_counts_of_other_bins_are_not_merged(other):
+    with pytest.raises(InvalidInputError, match="ranges and bins are the same"):
+        JointCounts(ONE, ONE).merge(other)
+
+
+def test_an_empty_block_counts_nothing_and_one_target_may_be_a_row():
+    x = np.random.default_rng(0).uniform(size=(50, 1))
+    counts = JointCounts(ONE, ONE).update(x, x[:, 0] ** 2).update(x[:0], x[:0])
+    once = JointCounts(ONE, ONE).update(x, x**2)
+    np.testing.assert_array_equal(counts.finalize(), once.finalize())
+
+
+@pytest.mark.parametrize("X_range", [(0.0, 1.0), ([1.0], [0.0]), ([], []), ([0.0], [1.0, 2.0])])
+def test_ranges_that_are_none_are_refused(X_range):
+    with pytest.raises(InvalidInputError, match="range of X must be its least and greatest"):
+        JointCounts(X_range, ONE)
 
 
 def test_counts_of_values_beyond_the_ranges_are_refused() -> None:
@@ -145,7 +175,7 @@ def test_counts_of_values_beyond_the_ranges_are_refused() -> None:
     with pytest.raises(InvalidInputError, match="none was counted"):
         counts.finalize()
     for X, y, what in (
-        ([[2.0]], [[0.0]], "X must be 1 columns within"),
+        ([[2.0]], [[0.0]], "X must be within the ranges"),
         ([[0.0]], [[np.nan]], "y"),
     ):
         with pytest.raises(InvalidInputError, match=what):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh, qr
 
+from servoscope.arrays import as_numbers
 from servoscope.errors import InvalidInputError
 from servoscope.features.normalised_images import brightness_norms
 from servoscope.processes import one_blas_thread
@@ -21,8 +22,11 @@ OVERSAMPLED = 20
 PRECISION = 1e-9
 """Eigenvalues are found to within this share of the largest."""
 
-MOST_PASSES = 20
-"""Over all images, for eigenvectors."""
+ROUNDING = 1e-14
+"""Eigenvalues below this share of the number of images are rounding."""
+
+MOST_PASSES, MOST_BLOCKS = 40, 4
+"""Over all images, for eigenvectors; and blocks of directions that are kept meanwhile."""
 
 
 class ImageStatistics(NamedTuple):
@@ -66,26 +70,68 @@ class ImageSums:
 
     def __init__(self, n_pixels: int, n_targets: int = 0, directions: Array | None = None) -> None:
         self.directions = np.empty((n_pixels, 0)) if directions is None else directions
+        if self.directions.ndim != 2 or len(self.directions) != n_pixels:
+            raise InvalidInputError(
+                f"directions must be of shape ({n_pixels}, n_directions), got "
+                f"{self.directions.shape}."
+            )
         self.n_images = 0
         self._total, self._of_targets = np.zeros(n_pixels), np.zeros(n_targets)
         self._with_targets = np.zeros((n_targets, n_pixels))
         self._products = np.zeros(self.directions.shape)
 
     def update(self, flat: NDArray[Any], targets: Array | None = None) -> Self:
-        """Add a block of images (n, n_pixels), with targets (n, n_targets)."""
-        norms = brightness_norms(flat)
-        images = flat / np.where(norms > 0, norms, 1.0)[:, None]
-        targets = np.empty((len(flat), 0)) if targets is None else targets
+        """Add a block of images (n, n_pixels), with targets (n, n_targets).
+
+        Raises
+        ------
+        InvalidInputError
+            If they are of other shapes, or not finite; nothing is added then.
+        """
+        images = self._normalised(np.asarray(flat))
+        targets = np.empty((len(images), 0)) if targets is None else as_numbers(targets, "targets")
+        if targets.shape != (len(images), len(self._of_targets)):
+            raise InvalidInputError(
+                f"targets must be of shape {(len(images), len(self._of_targets))}, one row an "
+                f"image, got {targets.shape}."
+            )
+        if not np.isfinite(targets).all():
+            raise InvalidInputError("targets must be finite, but hold NaN or infinity.")
         with one_blas_thread():
             self._total += images.sum(axis=0)
             self._of_targets += targets.sum(axis=0)
             self._with_targets += targets.T @ images
             self._products += images.T @ (images @ self.directions)
-        self.n_images += len(flat)
+        self.n_images += len(images)
         return self
 
+    def _normalised(self, flat: NDArray[Any]) -> Array:
+        n_pixels = len(self._total)
+        if flat.ndim != 2 or flat.shape[1] != n_pixels:
+            raise InvalidInputError(
+                f"Images must be of shape (n, {n_pixels}), one row an image, got {flat.shape}."
+            )
+        norms = brightness_norms(flat)
+        if not np.isfinite(norms).all():
+            raise InvalidInputError("Pixels must be finite, and their squares have a finite sum.")
+        normalised: Array = flat / np.where(norms > 0, norms, 1.0)[:, None]
+        return normalised
+
     def merge(self, other: ImageSums) -> Self:
-        """Add the sums over other images, with the same directions."""
+        """Add the sums over other images, with as many targets and the same directions.
+
+        Raises
+        ------
+        InvalidInputError
+            If they are sums of others.
+        """
+        if self._with_targets.shape != other._with_targets.shape or not np.array_equal(
+            self.directions, other.directions
+        ):
+            raise InvalidInputError(
+                "Sums are merged if they are over as many pixels and targets, with the same "
+                "directions; make both alike."
+            )
         self.n_images += other.n_images
         self._total += other._total
         self._of_targets += other._of_targets
@@ -144,39 +190,56 @@ def leading_eigenvectors(flat: Stack, n_components: int) -> tuple[Array, Array, 
 
     Notes
     -----
-    A randomised range finder [1]_ with subspace iteration, one pass over the images for each step.
-    An eigenvalue is as near to the one that is found as the length of the residual
-    ``X^T X v - lambda v`` (Weyl), whatever the range finder missed within it; the iteration ends
-    when that is under `PRECISION` of the largest for all that are wanted.
+    A randomised range finder [1]_ whose blocks are those of a Krylov space [2]_: each pass over the
+    images adds the residuals ``X^T X v - lambda v`` of what was found. An eigenvalue is as near to
+    the one that is found as its residual is long (Weyl), whatever the range finder missed within
+    it; the iteration ends when that is under `PRECISION` of the largest, or rounding, for all that
+    are wanted.
 
     References
     ----------
     .. [1] N. Halko, P. Martinsson and J. Tropp, "Finding structure with randomness", SIAM Review 53
-       (2011), 217-288, algorithm 4.4.
+       (2011), 217-288.
+    .. [2] C. Musco and C. Musco, "Randomized block Krylov methods for stronger and faster
+       approximate singular value decomposition", NeurIPS 28 (2015).
     """
     n_images, n_pixels = flat.shape
     n_directions = min(n_components + OVERSAMPLED, n_pixels, n_images)
-    Q = np.random.default_rng(0).normal(size=(n_pixels, n_directions))
+    block = np.random.default_rng(0).normal(size=(n_pixels, n_directions))
+    Q = products = np.empty((n_pixels, 0))
     with one_blas_thread():
         for _ in range(MOST_PASSES):
-            Q = qr(Q, mode="economic", check_finite=False)[0]
-            found = sum_over(flat, directions=Q)
-            values, vectors = eigh(Q.T @ found.products)
-            values, vectors = values[::-1][:n_components], vectors[:, ::-1][:, :n_components]
-            components = Q @ vectors
-            residuals = np.linalg.norm(found.products @ vectors - components * values, axis=0)
-            if residuals.max() <= PRECISION * values[0]:
+            block = _beyond(Q, block)
+            found = sum_over(flat, directions=block)
+            Q, products = np.hstack([Q, block]), np.hstack([products, found.products])
+            values, vectors = eigh(Q.T @ products)
+            values, vectors = values[: -n_directions - 1 : -1], vectors[:, : -n_directions - 1 : -1]
+            leading, of_leading = Q @ vectors, products @ vectors
+            block = of_leading - leading * values
+            least = max(PRECISION * values[0], ROUNDING * n_images)
+            if np.linalg.norm(block[:, :n_components], axis=0).max() <= least:
                 break
-            Q = found.products
+            if Q.shape[1] >= MOST_BLOCKS * n_directions:
+                Q, products = leading, of_leading
         else:
             raise InvalidInputError(
                 f"{n_components} eigenvectors are not found in {MOST_PASSES} passes over the "
-                "images; ask for fewer."
+                "images, since their eigenvalues hardly differ, as those of noise; ask for fewer, "
+                "or read the images into memory."
             )
-    n_found = int(np.count_nonzero(values > PRECISION * values[0]))
+    values, components = values[:n_components], leading[:, :n_components]
+    n_found = int(np.count_nonzero(values > least))
     if n_found < n_components:
         raise InvalidInputError(
             f"{n_components} eigenvectors were wanted, but the {n_images} images, normalised and "
             f"centred, vary in {n_found} directions only; lower n_components."
         )
     return found.mean, values.copy(), components.T
+
+
+def _beyond(Q: Array, block: Array) -> Array:
+    """Orthonormal directions of a block that are not among those of Q, as many as there can be."""
+    block = block[:, : len(Q) - Q.shape[1]]
+    for _ in range(2):  # once more for what rounding left
+        block = qr(block - Q @ (Q.T @ block), mode="economic", check_finite=False)[0]
+    return block

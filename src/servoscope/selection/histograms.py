@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import rankdata
 
+from servoscope.arrays import as_numbers
 from servoscope.compiled import compiled
 from servoscope.errors import InvalidInputError
 from servoscope.selection.samples import as_table, check_span
@@ -245,12 +246,17 @@ class JointCounts:
             tuple(np.asarray(end, dtype=np.float64) for end in ends) for ends in (X_range, y_range)
         ]
         for (low, high), name in zip(self._ranges, ("X", "y"), strict=True):
+            if not (low.ndim == 1 and low.size and low.shape == high.shape and (low <= high).all()):
+                raise InvalidInputError(
+                    f"The range of {name} must be its least and greatest values, one of each a "
+                    f"column, got {low.tolist()} and {high.tolist()}."
+                )
             check_span(low, high, name)
         n_features, n_targets = (len(low) for low, _ in self._ranges)
         self._counts = np.zeros((n_features, n_targets, n_bins, n_bins), np.int64)
 
     def update(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Count a block: features (n, n_features) and targets (n, n_targets).
+        """Count a block: features (n, n_features) and targets (n, n_targets), or (n,).
 
         Raises
         ------
@@ -259,11 +265,17 @@ class JointCounts:
         """
         codes = []
         for table, name, (low, high) in zip((X, y), ("X", "y"), self._ranges, strict=True):
-            values = as_table(table, name)
-            if values.shape[1] != len(low) or not ((values >= low) & (values <= high)).all():
+            values = as_numbers(table, name)
+            if name == "y" and values.ndim == 1:
+                values = values[:, None]
+            if values.ndim != 2 or values.shape[1] != len(low):
                 raise InvalidInputError(
-                    f"{name} must be {len(low)} columns within the ranges that were given, got "
-                    f"{values.shape[1]} from {values.min():g} to {values.max():g}."
+                    f"{name} must be a table of {len(low)} columns, got the shape {values.shape}."
+                )
+            if not ((values >= low) & (values <= high)).all():
+                raise InvalidInputError(
+                    f"{name} must be within the ranges that were given, got values from "
+                    f"{values.min():g} to {values.max():g}."
                 )
             codes.append(_codes(values, low, high, self.n_bins))
         if codes[0].shape[1] != codes[1].shape[1]:
@@ -274,7 +286,23 @@ class JointCounts:
         return self
 
     def merge(self, other: JointCounts) -> Self:
-        """Add the counts of other samples, with the same ranges and bins."""
+        """Add the counts of other samples, with the same ranges and bins.
+
+        Raises
+        ------
+        InvalidInputError
+            If they have others.
+        """
+        alike = self.n_bins == other.n_bins and all(
+            np.array_equal(own, of_other)
+            for ends, of_others in zip(self._ranges, other._ranges, strict=True)
+            for own, of_other in zip(ends, of_others, strict=True)
+        )
+        if not alike:
+            raise InvalidInputError(
+                "Counts are merged if their ranges and bins are the same; give both the range of "
+                "all samples."
+            )
         self._counts += other._counts
         return self
 
