@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+import weakref
 from contextlib import suppress
 from pathlib import Path
 
@@ -92,6 +93,30 @@ def test_workers_return_what_one_process_does_in_the_order_of_the_calls(cluster)
     pids = {pid for pid, _ in shared}
     assert os.getpid() not in pids
     assert len(pids) == 2
+
+
+def test_a_large_array_is_kept_no_longer_than_a_call_that_takes_it_is_pending(cluster, monkeypatch):
+    shared, own, n_sent = np.ones(40_000), [], []
+    submit = cluster.client.submit
+
+    def counted(function, *arguments, **options):
+        n_sent.append(function.__name__)
+        return submit(function, *arguments, **options)
+
+    def calls():
+        for i in range(40):
+            array = np.full(40_000, float(i))
+            own.append(weakref.ref(array))
+            yield array, 1.0, (shared,)
+
+    monkeypatch.setattr(cluster.client, "submit", counted)
+    n_kept = []
+    for i, (_, total) in enumerate(in_processes(scaled, calls())):
+        assert total == 40_000 * (i + 1)
+        n_kept.append(sum(ref() is not None for ref in own))
+    assert max(n_kept) <= 12  # of 6 calls that are pending, and some that are on their way
+    assert n_sent.count("_given") == 41
+    assert not cluster.client.futures
 
 
 def test_the_error_of_a_call_is_raised_as_it_is(cluster):

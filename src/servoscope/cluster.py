@@ -9,11 +9,14 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from itertools import islice
 from threading import Lock
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from servoscope import __version__
@@ -26,7 +29,7 @@ from servoscope.errors import (
 from servoscope.wording import one_line
 
 _SENT_ONCE = 2**18
-"""An array of more bytes is sent once for all calls that take it."""
+"""An array of more bytes is sent once for all pending calls that take it."""
 
 _AHEAD = 3
 """Calls that wait at each worker's thread, so that none is idle."""
@@ -141,7 +144,9 @@ def _connected(address: str | None, n_workers: int | None, stack: ExitStack) -> 
     from distributed.gc import disable_gc_diagnosis
     from distributed.utils import LoopRunner, silence_logging_cmgr, sync
 
-    stack.enter_context(dask.config.set({"distributed.comm.timeouts.connect": _CONNECT_S}))
+    settings: dict[str, float] = {"comm.timeouts.connect": _CONNECT_S}
+    settings["admin.low-level-log-length"] = 0  # which would keep the arrays that were sent
+    stack.enter_context(dask.config.set({f"distributed.{k}": v for k, v in settings.items()}))
     stack.enter_context(silence_logging_cmgr("CRITICAL"))  # importing dask sets its own levels
     scheduler: Any = None
     if address is not None:
@@ -193,6 +198,29 @@ async def _check_scheduler(address: str) -> None:
         raise ValueError(f"it is the address of a {kind}, not of a scheduler")
 
 
+@dataclass(frozen=True, eq=False)
+class _Sent:
+    """An array at a worker, for as long as a call that takes it is pending.
+
+    It is kept here as well, so that its id is its own.
+    """
+
+    array: NDArray[Any]
+    future: Any
+
+
+_AllSent = WeakValueDictionary[int, _Sent]
+"""By the ids of the arrays; the pending calls keep them."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Pending:
+    """A call whose result is not there yet, and the large arrays that it takes."""
+
+    future: Any
+    arrays: list[_Sent]
+
+
 class Cluster:
     """What shares calls with the workers of a scheduler.
 
@@ -210,7 +238,8 @@ class Cluster:
         """What a function returns for each tuple of arguments, in their order.
 
         The first calls are sent at once. A worker that ends is replaced by another, which computes
-        the same. Arrays that several calls take are sent once, and again where they are lost.
+        the same. Large arrays are sent once, and again where they are lost, and released with the
+        last pending call that takes them.
 
         Raises
         ------
@@ -218,9 +247,9 @@ class Cluster:
             If the scheduler is lost; a `ProcessKilledError` if a call ends worker after worker.
         """
         with self._failures_reported():
-            sent: dict[int, tuple[Any, Any]] = {}
-            left = iter(calls)
             n_threads = max(1, sum(self.client.nthreads().values()))
+            sent: _AllSent = WeakValueDictionary()
+            left = iter(calls)
             pending = deque(
                 self._submit(function, call, sent) for call in islice(left, _AHEAD * n_threads)
             )
@@ -230,18 +259,19 @@ class Cluster:
         self,
         function: Callable[..., Any],
         left: Iterator[tuple[Any, ...]],
-        pending: deque[Any],
-        sent: dict[int, tuple[Any, Any]],
+        pending: deque[_Pending],
+        sent: _AllSent,
     ) -> Iterator[Any]:
         try:
             while pending:
                 with self._failures_reported():
-                    result = self._awaited(pending.popleft())
+                    result = self._awaited(pending[0].future)
                     pending.extend(self._submit(function, call, sent) for call in islice(left, 1))
+                    pending.popleft()
                 yield result
         finally:
             with suppress(Exception):
-                self.client.cancel(list(pending))
+                self.client.cancel([call.future for call in pending])
 
     def _awaited(self, future: Any) -> Any:
         """The result of a call; it is said where no worker is left to make it."""
@@ -261,20 +291,25 @@ class Cluster:
         return future.result()
 
     def _submit(
-        self, function: Callable[..., Any], call: tuple[Any, ...], sent: dict[int, tuple[Any, Any]]
-    ) -> Any:
-        arguments = tuple(self._sent(argument, sent) for argument in call)
-        return self.client.submit(_run, __version__, function, arguments, pure=False)
+        self, function: Callable[..., Any], call: tuple[Any, ...], sent: _AllSent
+    ) -> _Pending:
+        arrays: list[_Sent] = []
+        arguments = self._sent(call, sent, arrays)
+        future = self.client.submit(_run, __version__, function, arguments, pure=False)
+        return _Pending(future, arrays)
 
-    def _sent(self, argument: Any, sent: dict[int, tuple[Any, Any]]) -> Any:
+    def _sent(self, argument: Any, sent: _AllSent, arrays: list[_Sent]) -> Any:
         """An argument, or what stands for a large array, at any depth of tuples."""
         if type(argument) is tuple:
-            return tuple(self._sent(part, sent) for part in argument)
+            return tuple(self._sent(part, sent, arrays) for part in argument)
         if not isinstance(argument, np.ndarray) or argument.nbytes <= _SENT_ONCE:
             return argument
-        if id(argument) not in sent:  # the array is kept as well, so that its id is its own
-            sent[id(argument)] = argument, self.client.submit(_given, argument, pure=False)
-        return sent[id(argument)][1]
+        one = sent.get(id(argument))
+        if one is None:
+            one = _Sent(argument, self.client.submit(_given, argument, pure=False))
+            sent[id(argument)] = one
+        arrays.append(one)
+        return one.future
 
     @contextmanager
     def _failures_reported(self) -> Iterator[None]:
