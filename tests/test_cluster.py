@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 import weakref
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from pathlib import Path
 
@@ -73,8 +74,8 @@ def always_killed(i):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def fails(i):
-    raise InvalidInputError(f"call {i} failed")
+def fails(kind):
+    raise kind("of the call")
 
 
 @pytest.fixture(scope="module")
@@ -119,9 +120,25 @@ def test_a_large_array_is_kept_no_longer_than_a_call_that_takes_it_is_pending(cl
     assert not cluster.client.futures
 
 
-def test_the_error_of_a_call_is_raised_as_it_is(cluster):
-    with pytest.raises(InvalidInputError, match="call 0 failed"):
-        list(in_processes(fails, [(0,), (1,)]))
+@pytest.mark.parametrize(
+    "kind",
+    [InvalidInputError, TimeoutError, ConnectionError, OSError, CancelledError, RuntimeError],
+)
+def test_the_error_of_a_call_is_raised_as_it_is_whatever_dask_itself_raises(cluster, kind):
+    with pytest.raises(kind, match="of the call") as caught:
+        list(in_processes(fails, [(kind,), (ValueError,)]))
+    assert type(caught.value) is kind
+    assert caught.traceback[-1].name == "fails"
+
+
+def test_the_error_of_what_makes_the_calls_is_raised_as_it_is(cluster):
+    def calls():
+        for number in range(10):
+            yield number, 2
+        raise TimeoutError("of the camera")
+
+    with pytest.raises(TimeoutError, match="of the camera"):
+        list(in_processes(divmod, calls()))
 
 
 within = []

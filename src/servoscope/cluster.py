@@ -246,13 +246,13 @@ class Cluster:
         ProcessesError
             If the scheduler is lost; a `ProcessKilledError` if a call ends worker after worker.
         """
-        with self._failures_reported():
+        with _loss_reported():
             n_threads = max(1, sum(self.client.nthreads().values()))
-            sent: _AllSent = WeakValueDictionary()
-            left = iter(calls)
-            pending = deque(
-                self._submit(function, call, sent) for call in islice(left, _AHEAD * n_threads)
-            )
+        sent: _AllSent = WeakValueDictionary()
+        left = iter(calls)
+        pending = deque(
+            self._submit(function, call, sent) for call in islice(left, _AHEAD * n_threads)
+        )
         return self._in_order(function, left, pending, sent)
 
     def _in_order(
@@ -264,10 +264,9 @@ class Cluster:
     ) -> Iterator[Any]:
         try:
             while pending:
-                with self._failures_reported():
-                    result = self._awaited(pending[0].future)
-                    pending.extend(self._submit(function, call, sent) for call in islice(left, 1))
-                    pending.popleft()
+                result = self._awaited(pending[0].future)
+                pending.extend(self._submit(function, call, sent) for call in islice(left, 1))
+                pending.popleft()
                 yield result
         finally:
             with suppress(Exception):
@@ -276,26 +275,31 @@ class Cluster:
     def _awaited(self, future: Any) -> Any:
         """The result of a call; it is said where no worker is left to make it."""
         is_said = False
-        while not future.done():
-            try:
-                return future.result(timeout=_WATCH_S)
-            except TimeoutError:
-                if not (is_said or future.done() or self.client.nthreads()):
-                    is_said = True
-                    warnings.warn(
-                        "The scheduler has no workers left, and is waited for until it has one "
-                        "(dask worker); Ctrl-C ends that, and a run goes on with --resume.",
-                        ServoscopeWarning,
-                        stacklevel=2,
-                    )
-        return future.result()
+        with _loss_reported():
+            while not future.done():
+                try:
+                    future.exception(timeout=_WATCH_S)
+                except TimeoutError:
+                    if not (is_said or future.done() or self.client.nthreads()):
+                        is_said = True
+                        warnings.warn(
+                            "The scheduler has no workers left, and is waited for until it has one "
+                            "(dask worker); Ctrl-C ends that, and a run goes on with --resume.",
+                            ServoscopeWarning,
+                            stacklevel=2,
+                        )
+            if future.status != "error":
+                return future.result()
+            error = future.exception().with_traceback(future.traceback())
+        raise _own_or_reported(error)
 
     def _submit(
         self, function: Callable[..., Any], call: tuple[Any, ...], sent: _AllSent
     ) -> _Pending:
         arrays: list[_Sent] = []
-        arguments = self._sent(call, sent, arrays)
-        future = self.client.submit(_run, __version__, function, arguments, pure=False)
+        with _loss_reported():
+            arguments = self._sent(call, sent, arrays)
+            future = self.client.submit(_run, __version__, function, arguments, pure=False)
         return _Pending(future, arrays)
 
     def _sent(self, argument: Any, sent: _AllSent, arrays: list[_Sent]) -> Any:
@@ -311,32 +315,39 @@ class Cluster:
         arrays.append(one)
         return one.future
 
-    @contextmanager
-    def _failures_reported(self) -> Iterator[None]:
-        from concurrent.futures import CancelledError
 
-        from distributed import KilledWorker
-        from distributed.comm import CommClosedError
+@contextmanager
+def _loss_reported() -> Iterator[None]:
+    """Say in a sentence that the scheduler is lost, around nothing but what asks it."""
+    from concurrent.futures import CancelledError
 
-        try:
-            yield
-        except KilledWorker as error:
-            raise ProcessKilledError(
-                "Worker after worker ended in one call, most likely because memory ran out; give "
-                "each more memory, or repeat with fewer, a run with --resume."
-            ) from error
-        except (CancelledError, CommClosedError, TimeoutError) as error:
-            raise ProcessesError(
-                f"The scheduler is lost ({one_line(error) or type(error).__name__}); start it and "
-                "its workers, and repeat the command, a run with --resume."
-            ) from error
-        except RuntimeError as error:
-            if "deserialization" not in str(error):
-                raise
-            raise ProcessesError(
-                f"Scheduler or workers cannot take a call ({one_line(error.__cause__ or error)}); "
-                "all must have the same version of servoscope, and its plug-ins."
-            ) from error
+    try:
+        yield
+    except (CancelledError, OSError) as error:  # as are those of dask's connections
+        raise ProcessesError(
+            f"The scheduler is lost ({one_line(error)}); start it and "
+            "its workers, and repeat the command, a run with --resume."
+        ) from error
+
+
+def _own_or_reported(error: BaseException) -> BaseException:
+    """The error that a call ended with: its own as it is, those of dask in a sentence."""
+    from distributed import KilledWorker
+
+    if isinstance(error, KilledWorker):
+        reported: ProcessesError = ProcessKilledError(
+            "Worker after worker ended in one call, most likely because memory ran out; give "
+            "each more memory, or repeat with fewer, a run with --resume."
+        )
+    elif isinstance(error, RuntimeError) and "deserialization of the task graph" in str(error):
+        reported = ProcessesError(
+            f"Scheduler or workers cannot take a call ({one_line(error.__cause__ or error)}); "
+            "all must have the same version of servoscope, and its plug-ins."
+        )
+    else:
+        return error
+    reported.__cause__ = error
+    return reported
 
 
 def _given(argument: Any) -> Any:
