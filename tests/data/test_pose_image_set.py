@@ -12,7 +12,12 @@ from servoscope.data import folder as dataset_folder
 from servoscope.data.checks import IMAGE_FAULTS, image_faults
 from servoscope.data.folder import KEPT_IMAGES, Progress, write_progress
 from servoscope.data.images import PoseImageSet
-from servoscope.errors import DataSetError, FolderExistsError, ServoscopeError
+from servoscope.errors import (
+    DataSetError,
+    FolderExistsError,
+    ServoscopeError,
+    ServoscopeWarning,
+)
 from servoscope.poses import displacement_ranges, pose_error, poses_from_displacements
 
 RANGES = np.array([0.025] * 3 + [np.radians(15.0)] * 3)
@@ -543,6 +548,22 @@ def test_images_that_are_left_on_disk_are_those_in_memory(saved, tmp_path, monke
     in_memory = data.thinned(len(data)).images
     np.testing.assert_array_equal(in_memory, whole.images)
     assert isinstance(in_memory, np.ndarray)
+
+
+def test_no_more_are_kept_of_large_images_than_a_memory_holds():
+    images, poses = np.zeros((300, 64, 64), np.uint8), np.tile(np.eye(4), (300, 1, 1))
+    data = PoseImageSet(images, poses, np.eye(4), images[0])
+    assert data.thinned(300, "1.3MB") is data
+    with pytest.warns(ServoscopeWarning, match="^Of 300 images 244 are used, as many as 1MB of"):
+        kept = data.thinned(300, "1MB")
+    assert kept.images.nbytes <= 1e6 < kept.images.nbytes + 64 * 64
+    assert kept.source["thinned_from"] == 300
+    assert len(data.thinned(220, "1MB")) == 220
+    larger = PoseImageSet(
+        np.zeros((210, 90, 90), np.uint8), poses[:210], np.eye(4), np.zeros((90, 90), np.uint8)
+    )
+    with pytest.warns(ServoscopeWarning, match="^Of 210 images 200 are used"):
+        assert len(larger.thinned(1500, "1MB")) == 200
 
 
 def test_a_thinned_set_is_even_in_time():

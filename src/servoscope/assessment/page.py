@@ -170,9 +170,10 @@ def details_table(assessed: Row) -> Table:
 
 def _thinned(images: Row) -> str:
     """How many images there were, where not all are used."""
-    if images.get("n_given", 0) <= MOST_IMAGES:
+    n_given, n_used = images.get("n_given", 0), images.get("n_used", MOST_IMAGES)
+    if n_given <= n_used:
         return ""
-    return f"; of {images['n_given']} images {MOST_IMAGES} are used, evenly spread in time"
+    return f"; of {n_given} images {n_used} are used, evenly spread in time"
 
 
 def _pooled(images: Row) -> str:

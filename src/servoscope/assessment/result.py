@@ -369,6 +369,7 @@ def _images(found: Assessment) -> dict[str, Any]:
         "n_tested_groups": len(np.unique(measured.groups)),
         "n_splits": measured.n_splits,
         "n_given": sample.real.source.get("thinned_from", len(sample.real)),
+        "n_used": len(sample.real),
         "n_rendered": sample.n_rendered,
         **({"split": split} if sample.n_rendered else {}),
         "n_copies": images.n_copies,

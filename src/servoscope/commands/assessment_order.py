@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -13,6 +14,7 @@ from servoscope.data.checks import check_data
 from servoscope.data.images import PoseImageSet
 from servoscope.data.independence import check_enough_images, mark_sequence
 from servoscope.data.splits import MOST_IMAGES
+from servoscope.errors import ServoscopeWarning
 from servoscope.processes import ProgressBar
 from servoscope.storage.addresses import absolute
 from servoscope.storage.run_folder import RunFolder
@@ -61,7 +63,7 @@ class AssessmentOrder:
         data = self._whole(dataset)
         check_enough_images(data)
         findings = [finding.text for finding in check_data(data)]
-        return _sample(data), findings
+        return self._sample(data), findings
 
     def fingerprint(self, dataset: str) -> str:
         """That of the images that `load` gives.
@@ -71,10 +73,16 @@ class AssessmentOrder:
         DataSetError
             If the data set cannot be read.
         """
-        return _sample(self._whole(dataset)).fingerprint()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ServoscopeWarning)
+            return self._sample(self._whole(dataset)).fingerprint()
 
     def _whole(self, dataset: str) -> PoseImageSet:
         return with_dofs(PoseImageSet.load(dataset, memory=self.memory), self.dofs)
+
+    def _sample(self, data: PoseImageSet) -> PoseImageSet:
+        """What is assessed of a data set; a random split of a sequence would flatter."""
+        return mark_sequence(data.thinned(MOST_IMAGES, self.memory))
 
     def asked(self) -> dict[str, Any]:
         """All but the data set, as plain JSON values."""
@@ -112,8 +120,3 @@ class AssessmentOrder:
             study=self.study,
             progress=progress,
         )
-
-
-def _sample(data: PoseImageSet) -> PoseImageSet:
-    """What is assessed of a data set; a random split of a sequence would flatter."""
-    return mark_sequence(data.thinned(MOST_IMAGES))

@@ -36,7 +36,8 @@ Memory = Annotated[
     str,
     arg(
         metavar="SIZE",
-        help="Images that take more than a quarter of it are read from disk as they are needed.",
+        help="Images that take more than a quarter of it are read from disk as they are needed; "
+        "of large ones no more are assessed, or trained on, than it holds.",
     ),
 ]
 Json = Annotated[bool, arg(help="Print JSON.")]

@@ -133,7 +133,7 @@ def train(
         )
     check_free(out, force=force)
     data, *others = (
-        PoseImageSet.load(folder, memory=memory).thinned(MOST_IMAGES)
+        PoseImageSet.load(folder, memory=memory).thinned(MOST_IMAGES, memory)
         for folder in [dataset, *map(str, add)]
     )
     for more in others:

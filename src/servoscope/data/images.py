@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from servoscope.data import folder as dataset_folder
 from servoscope.dofs import check_dofs, moving_dofs
-from servoscope.errors import DataSetError
+from servoscope.errors import DataSetError, ServoscopeWarning
 from servoscope.poses import (
     DISPLAY_FACTORS,
     DISPLAY_UNITS,
@@ -50,6 +51,7 @@ def images_share(memory: str | None) -> float:
     return np.inf if memory is None else parse_bytes(memory) / _IMAGES_SHARE
 
 
+_LEAST_KEPT = 200
 _OUTLYING, _MOST_OUTLIERS = 2.0, 0.05
 _SAME_POSE = 1e-6  # metres and radians, as pose files are written
 _MOST_NOISE = 64.0
@@ -215,11 +217,12 @@ class PoseImageSet:
             times=None if self.times is None else self.times[indices],
         )
 
-    def thinned(self, most: int) -> PoseImageSet:
+    def thinned(self, most: int, memory: str | None = None) -> PoseImageSet:
         """At most so many of the images, evenly spread in time, in memory.
 
-        Images that have no times are in the order of time. The source of the fewer notes how many
-        there were, as ``thinned_from``.
+        Of images so large that a memory such as "1GB" holds less, they are as many as it holds, but
+        200 at the least. Images that have no times are in the order of time. The source of the
+        fewer notes how many there were, as ``thinned_from``.
 
         Examples
         --------
@@ -228,6 +231,16 @@ class PoseImageSet:
         >>> list(data.thinned(3).names)
         ['a', 'e', 'i']
         """
+        if memory is not None:
+            held = max(int(parse_bytes(memory) / self.reference_image.nbytes), _LEAST_KEPT)
+            if held < min(len(self), most):
+                warnings.warn(
+                    f"Of {len(self)} images {held} are used, as many as {memory} of memory hold; "
+                    "give more (--memory), or take smaller images.",
+                    ServoscopeWarning,
+                    stacklevel=2,
+                )
+                most = held
         kept = self
         if len(self) > most:
             order = np.arange(len(self))
