@@ -15,7 +15,6 @@ from servoscope.assessment.sets import failed_row, sets_table, sets_verdict, wor
 from servoscope.cli import main
 from servoscope.commands import run_sets
 from servoscope.commands.run_sets import Assessed, names_of
-from servoscope.errors import ProcessKilledError
 from servoscope.storage.run_folder import read_json
 
 OPTIONS = ("--families", "moments", "--dofs", "tx", "--want", "tx=3mm")
@@ -121,23 +120,6 @@ def kill_one_that_works(client):
         time.sleep(0.05)
 
 
-def test_a_set_that_kills_its_process_is_a_row_and_all_others_go_on(monkeypatch):
-    tries = []
-
-    def in_processes(function, calls, n_jobs, **options):
-        for _, name in calls:
-            if name == "large":
-                tries.append(name)
-                raise ProcessKilledError("A process was killed.")
-            yield Assessed({"name": name}, {})
-
-    monkeypatch.setattr(run_sets, "in_processes", in_processes)
-    found = dict(run_sets._assess_all(None, ["a", "large", "b"], 2))
-    assert [found[name].row["name"] for name in ("a", "b")] == ["a", "b"]
-    assert found["large"].row["error"] == "A process was killed."
-    assert tries == ["large", "large"]
-
-
 def test_resume_assesses_sets_again_whose_images_have_changed_and_keeps_what_cannot_be_read(
     tmp_path, monkeypatch
 ):
@@ -163,6 +145,27 @@ def test_resume_assesses_sets_again_whose_images_have_changed_and_keeps_what_can
     assert assessed[3:] == ["changed"]
     assert main([*command, "--resume"]) == 0
     assert len(assessed) == 4
+
+
+def fails_in_a_way_nobody_thought_of(order, dataset):
+    raise ZeroDivisionError(Path(dataset).name)
+
+
+def test_debug_shows_where_sets_have_failed(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(run_sets, "assess_one", fails_in_a_way_nobody_thought_of)
+    command = ["assess", "one", "two", *OPTIONS, "--out", str(tmp_path / "run"), "--jobs", "1"]
+    assert main(command) == 1
+    row = read_json(tmp_path / "run" / "summary.json")["sets"][0]
+    assert row["error"] == "unexpected ZeroDivisionError: one; --debug shows where it came from"
+    message = (
+        f"servoscope: 2 of 2 data sets could not be assessed, such as one; mend what "
+        f"{tmp_path / 'run' / 'report.html'} says, and repeat the command with --resume.\n"
+    )
+    assert capsys.readouterr().err.endswith(message)
+    assert main([*command, "--resume", "--debug"]) == 1
+    shown = capsys.readouterr().err
+    assert shown.count("in fails_in_a_way_nobody_thought_of") == 2
+    assert shown.endswith(message)
 
 
 def test_sets_of_one_name_are_told_apart_by_their_folders():

@@ -6,7 +6,7 @@ import re
 import shutil
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,7 +14,6 @@ from typing import Any
 
 from servoscope import __version__
 from servoscope.assessment.sets import (
-    FAILED,
     failed_row,
     row_of,
     sets_table,
@@ -22,9 +21,9 @@ from servoscope.assessment.sets import (
     write_sets_page,
 )
 from servoscope.commands.assessment_order import AssessmentOrder
+from servoscope.commands.jobs import Failed, check_failed, outcomes
 from servoscope.commands.output import console, print_json, progress_bar
-from servoscope.commands.streams import reason_of
-from servoscope.errors import DataSetError, ProcessKilledError, RunFolderError, ServoscopeWarning
+from servoscope.errors import DataSetError, RunFolderError, ServoscopeWarning
 from servoscope.processes import in_processes, no_progress
 from servoscope.storage.addresses import absolute
 from servoscope.storage.folders import LOCK, scratch_folder, write_json
@@ -70,14 +69,13 @@ def assess_sets(
     settings = {"command": SETS_COMMAND, **order.asked()}
     with owned_run_folder(out, settings, resume=resume, force=force) as run:
         apart = list(dict.fromkeys(map(absolute, datasets)))
-        rows = worst_first(_rows(run, order, apart, n_jobs))
-        n_failed = sum(row["state"] == FAILED for row in rows)
+        rows, failed = _rows(run, order, apart, n_jobs)
         seconds = sum(row["seconds"] or 0.0 for row in rows)
         summary = {
             "version": VERSION,
             "servoscope": __version__,
             "settings": run.settings,
-            "n_failed": n_failed,
+            "n_failed": len(failed),
             "sets": rows,
             "timings_s": {"total": round(seconds, 3)},
         }
@@ -88,12 +86,8 @@ def assess_sets(
     else:
         console().print(sets_table(rows))
         console().print(f"report: {out / 'report.html'}", soft_wrap=True)
-    if n_failed:
-        raise DataSetError(
-            f"{n_failed} of {len(rows)} data sets could not be assessed, such as "
-            f"{rows[0]['name']}; mend them as {out / 'report.html'} says, and repeat the command "
-            "with --resume."
-        )
+    what = f"{len(rows)} data sets could not be assessed"
+    check_failed(failed, what, out / "report.html", DataSetError)
 
 
 SETS_COMMAND = "assess sets"
@@ -111,8 +105,10 @@ def write_sets_report(run: Path) -> Path:
         ) from error
 
 
-def _rows(run: RunFolder, order: AssessmentOrder, datasets: list[str], n_jobs: int) -> list[Row]:
-    """A row for each data set.
+def _rows(
+    run: RunFolder, order: AssessmentOrder, datasets: list[str], n_jobs: int
+) -> tuple[list[Row], dict[str, Failed]]:
+    """A row for each data set, the worst first, and those that failed by name.
 
     Those that the folder has finished are not assessed again, unless their images have changed.
     """
@@ -126,42 +122,25 @@ def _rows(run: RunFolder, order: AssessmentOrder, datasets: list[str], n_jobs: i
     ):
         rows[dataset] = rows[dataset] if is_same else None
     left = [dataset for dataset in datasets if rows[dataset] is None]
+    failed = {}
     with progress_bar("data sets", len(datasets)) as advance:
         advance(len(datasets) - len(left))
-        for n_left, (dataset, found) in enumerate(_assess_all(order, left, n_jobs), 1):
+        made = zip(left, outcomes(assess_one, [(order, one) for one in left], n_jobs), strict=True)
+        for n_done, (dataset, found) in enumerate(made, len(datasets) - len(left) + 1):
             name, folder = names[dataset]
+            if isinstance(found, Failed):
+                failed[name] = found
+                found = Assessed(failed_row(found.reason), {})
             at = f"sets/{folder}" if found.files else None
             row = {"name": name, "dataset": dataset, "run": at, **found.row}
             _put(places[dataset], found.files, row)
             rows[dataset] = row
-            advance(len(datasets) - len(left) + n_left)
-    return [row for row in rows.values() if row is not None]
-
-
-def _assess_all(
-    order: AssessmentOrder, datasets: Sequence[str], n_jobs: int
-) -> Iterator[tuple[str, Assessed]]:
-    """What is found of each data set, in their order.
-
-    Where a process is killed, the set that is waited for is tried once more by itself: if it ends
-    its process again it is a row that failed, and all others go on.
-    """
-    left = list(datasets)
-    while left:
-        calls = [(order, dataset) for dataset in left]
-        try:
-            for found in in_processes(assess_one, calls, n_jobs, batch_size=1):
-                yield left.pop(0), found
-        except ProcessKilledError:
-            try:
-                (found,) = in_processes(assess_one, [(order, left[0])], n_jobs, batch_size=1)
-            except ProcessKilledError as error:
-                found = Assessed(failed_row(reason_of(error)), {})
-            yield left.pop(0), found
+            advance(n_done)
+    return worst_first([row for row in rows.values() if row is not None]), failed
 
 
 def assess_one(order: AssessmentOrder, dataset: str) -> Assessed:
-    """What one process finds of one data set, whatever goes wrong with it."""
+    """What one process finds of one data set."""
     start = time.perf_counter()
     with (
         TemporaryDirectory(dir=scratch_folder(), ignore_cleanup_errors=True) as scratch,
@@ -169,12 +148,9 @@ def assess_one(order: AssessmentOrder, dataset: str) -> Assessed:
     ):
         warnings.simplefilter("always")
         folder = Path(scratch) / "run"
-        try:
-            data, findings = order.load(dataset)
-            with owned_run_folder(folder, order.settings(dataset, data)) as run:
-                summary = order.run(run, data, 1, no_progress)
-        except Exception as error:  # one set is not the end of all
-            return Assessed(failed_row(reason_of(error)), {})
+        data, findings = order.load(dataset)
+        with owned_run_folder(folder, order.settings(dataset, data)) as run:
+            summary = order.run(run, data, 1, no_progress)
         row = row_of(summary, [*findings, *_own(caught)])
         row["fingerprint"] = data.fingerprint()
         row["seconds"] = round(time.perf_counter() - start, 3)
