@@ -130,6 +130,52 @@ def test_a_run_goes_on_with_the_cells_that_are_left_and_its_page_says_what_was_f
     assert "Of 2 statements of the paper 1 hold" in check_page(run / "report.html").source
 
 
+def test_a_cell_that_fails_is_a_row_and_counts_nowhere_until_it_is_tried_again(
+    tmp_path, monkeypatch, capsys
+):
+    studied = []
+
+    def two_fail(cell, *_):
+        studied.append(cell.number)
+        if cell.number in (2, 5):
+            raise ValueError("it is dark")
+        return found_in(cell)
+
+    run = tmp_path / "run"
+    command = ["study", "--cells", "8", "--out", str(run), "--jobs", "1"]
+    monkeypatch.setattr(run_cells, "study_cell", two_fail)
+    assert main(command) == 1
+    shown = capsys.readouterr()
+    assert "2 of 8 cells could not be studied, such as cell 2; mend what" in shown.err
+    assert "6 of 8 simulated cells" in shown.out
+    summary = read_json(run / "summary.json")
+    whole = [found_in(cell) for cell in make_cells(8)]
+    others = summarise_cells([cell for cell in whole if cell["number"] not in (2, 5)])
+    assert summary["found"] == {**others, "n_failed": 2}
+    assert summary["found"]["statements"][0] == {"claim": "one", **share_of(["yes"] * 6)}
+    reason = "unexpected ValueError: it is dark; --debug shows where it came from"
+    assert [one["error"] for one in summary["cells"]] == [
+        reason if number in (2, 5) else None for number in range(8)
+    ]
+    page = check_page(run / "report.html").source
+    assert "2 of 8 cells could not be studied" in page
+    assert page.count(reason) == 2
+    assert main([*command, "--resume", "--debug"]) == 1
+    assert studied == [*range(8), 2, 5]
+    assert capsys.readouterr().err.count("in two_fail") == 2
+    monkeypatch.setattr(run_cells, "study_cell", found_in)
+    assert main([*command, "--resume"]) == 0
+    assert read_json(run / "summary.json")["found"] == summarise_cells(whole)
+
+
+def test_a_run_in_which_every_cell_fails_says_so_on_its_page(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(run_cells, "study_cell", lambda *_: 1 / 0)
+    run = tmp_path / "run"
+    assert main(["study", "--cells", "2", "--out", str(run), "--jobs", "1"]) == 1
+    assert "2 of 2 cells could not be studied" in capsys.readouterr().err
+    assert "No cell could be studied." in check_page(run / "report.html").source
+
+
 def test_the_report_of_a_damaged_summary_is_one_line(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(run_cells, "study_cell", found_in)
     run = tmp_path / "run"

@@ -71,9 +71,10 @@ def check_failed(
         It has the reasons.
     """
     if failed:
+        first = next(iter(failed))
         raise kind(
-            f"{len(failed)} of {what}, such as {min(failed)}; mend what {page} says, and repeat "
-            "the command with --resume."
+            f"{len(failed)} of {what}, such as {first}; mend what {page} says, and repeat the "
+            "command with --resume."
         ) from _Tracebacks(failed)
 
 

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from servoscope import __version__
+from servoscope.commands.jobs import Failed, check_failed, outcomes
 from servoscope.commands.output import console, print_json, progress_bar
 from servoscope.errors import InvalidInputError, RunFolderError
-from servoscope.processes import in_processes
 from servoscope.storage.folders import write_json
 from servoscope.storage.run_folder import VERSION, RunFolder, owned_run_folder, read_json
-from servoscope.study.cells import MOST_CELLS, make_cells, study_cell, summarise_cells
+from servoscope.study.cells import (
+    MOST_CELLS,
+    Values,
+    failed_cell,
+    make_cells,
+    study_cell,
+    summarise_cells,
+)
 from servoscope.study.cells_page import (
     depends_table,
     describe_order,
@@ -37,15 +43,21 @@ def study_cells(
     force: bool,
     json: bool,
 ) -> None:
-    """Make the study in many cells, write the page of all, and print what was found."""
+    """Make the study in many cells, write the page of all, and print what was found.
+
+    Raises
+    ------
+    RunFolderError
+        In the end, if some could not be studied.
+    """
     if not 1 <= n_cells <= MOST_CELLS:
         raise InvalidInputError(f"--cells must be from 1 to {MOST_CELLS}, got {n_cells}.")
     settings = {"command": CELLS_COMMAND, **asdict(config), "n_cells": n_cells}
     settings |= {"n_images": n_images, "image_size": image_size}
     with owned_run_folder(out, settings, resume=resume, force=force) as run:
-        cells = _cells(run, n_cells, n_images, image_size, config, n_jobs)
+        cells, failed = _cells(run, n_cells, n_images, image_size, config, n_jobs)
         found = summarise_cells(cells)
-        seconds = round(sum(cell["seconds"] for cell in cells), 3)
+        seconds = round(sum(cell["seconds"] or 0.0 for cell in cells), 3)
         summary = {
             "version": VERSION,
             "servoscope": __version__,
@@ -58,12 +70,14 @@ def study_cells(
         write_cells_page(run.path / "report.html", summary)
     if json:
         print_json(summary)
-        return
-    shown = console()
-    shown.print(statements_table(found))
-    shown.print(depends_table(found))
-    shown.print(describe_order(found), soft_wrap=True)
-    shown.print(f"report: {out / 'report.html'}", soft_wrap=True)
+    else:
+        shown = console()
+        shown.print(statements_table(found))
+        shown.print(depends_table(found))
+        shown.print(describe_order(found), soft_wrap=True)
+        shown.print(f"report: {out / 'report.html'}", soft_wrap=True)
+    what = f"{n_cells} cells could not be studied"
+    check_failed(failed, what, out / "report.html", RunFolderError)
 
 
 def write_cells_report(run: Path) -> Path:
@@ -84,17 +98,31 @@ def _cells(
     image_size: int,
     config: StudyConfig,
     n_jobs: int,
-) -> list[dict[str, Any]]:
-    """What was found in each cell; those that the folder has are not studied again."""
+) -> tuple[list[Values], dict[str, Failed]]:
+    """What was found in each cell, and those that failed by name.
+
+    Those that the folder has are not studied again.
+    """
     folder = run.path / "cells"
     folder.mkdir(exist_ok=True)
-    paths = [folder / f"{number:04d}.json" for number in range(n_cells)]
-    left = [cell for cell in make_cells(n_cells, config.seed) if not paths[cell.number].exists()]
+    cells = make_cells(n_cells, config.seed)
+    paths = [folder / f"{cell.number:04d}.json" for cell in cells]
+    left = [cell for cell in cells if not paths[cell.number].exists()]
+    failed = {}
     with progress_bar("cells", n_cells) as advance:
         advance(n_cells - len(left))
         calls = [(cell, n_images, image_size, config) for cell in left]
-        found = in_processes(study_cell, calls, n_jobs, batch_size=1)
-        for n_done, one in enumerate(found, start=n_cells - len(left) + 1):
-            write_json(paths[one["number"]], one)
+        made = zip(left, outcomes(study_cell, calls, n_jobs), strict=True)
+        for n_done, (cell, found) in enumerate(made, n_cells - len(left) + 1):
+            if isinstance(found, Failed):
+                failed[cell.number] = found
+            else:
+                write_json(paths[cell.number], found)
             advance(n_done)
-    return [read_json(path) for path in paths]
+    rows = [
+        failed_cell(cell, failed[cell.number].reason)
+        if cell.number in failed
+        else {**read_json(paths[cell.number]), "error": None}
+        for cell in cells
+    ]
+    return rows, {f"cell {number}": one for number, one in failed.items()}

@@ -178,8 +178,7 @@ def study_cell(cell: Cell, n_images: int, image_size: int, config: StudyConfig) 
     results = [unit.results for unit in units if unit.protocol == "paper"]
     results = results or [unit.results for unit in units]
     return {
-        "number": cell.number,
-        "factors": {name: round(value, 6) for name, value in cell.factors.items()},
+        **_described(cell),
         "verdicts": {one.claim: one.verdict for one in compare_with_paper(summary)},
         "means": {
             family: float(np.mean([mean_rms(one, one["table1"][family]) for one in results]))
@@ -189,26 +188,40 @@ def study_cell(cell: Cell, n_images: int, image_size: int, config: StudyConfig) 
     }
 
 
-def summarise_cells(found: Sequence[Values]) -> Values:
+def failed_cell(cell: Cell, reason: str) -> Values:
+    """What is said of a cell that could not be studied: it counts nowhere."""
+    return {**_described(cell), "verdicts": {}, "means": {}, "seconds": None, "error": reason}
+
+
+def _described(cell: Cell) -> Values:
+    factors = {name: round(value, 6) for name, value in cell.factors.items()}
+    return {"number": cell.number, "factors": factors}
+
+
+def summarise_cells(cells: Sequence[Values]) -> Values:
     """In what share of cells each statement holds, and what the order of the families depends on.
 
     Parameters
     ----------
-    found : sequence of dict
-        Of `study_cell`.
+    cells : sequence of dict
+        Of `study_cell` and `failed_cell`; those that failed count nowhere.
 
     Returns
     -------
     dict
-        ``statements``, each with how many cells say yes, partly and no, and the ``share`` that say
-        yes with its ``interval``; ``second``, how often each family is second; ``depends``, by
-        factor, see `association`.
+        ``n_cells``, how many count, and ``n_failed``, how many do not; ``statements``, each with
+        how many cells say yes, partly and no, and the ``share`` that say yes with its
+        ``interval``; ``second``, how often each family is second; ``depends``, by factor, see
+        `association`.
     """
-    verdicts = {claim: [one["verdicts"][claim] for one in found] for claim in found[0]["verdicts"]}
+    found = [one for one in cells if one.get("error") is None]
+    claims = found[0]["verdicts"] if found else ()
+    verdicts = {claim: [one["verdicts"][claim] for one in found] for claim in claims}
     second = [sorted(one["means"], key=one["means"].__getitem__)[1] for one in found]
     ratio = [np.log2(one["means"]["pci"] / one["means"]["pca"]) for one in found]
     return {
         "n_cells": len(found),
+        "n_failed": len(cells) - len(found),
         "level": LEVEL,
         "statements": [{"claim": claim, **share_of(said)} for claim, said in verdicts.items()],
         "second": {family: second.count(family) for family in FAMILIES if family in second},

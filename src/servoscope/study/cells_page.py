@@ -35,7 +35,7 @@ def statements_table(found: Values) -> Table:
             ]
             for row in sorted(found["statements"], key=lambda row: -row["share"])
         ],
-        f"The paper's statements over {found['n_cells']} simulated cells",
+        f"The paper's statements over {_counted(found)}",
         "Cells in which a statement holds, with Wilson's 90 % interval of the share in all such "
         "cells; in part: for some displacement forms or degrees of freedom.",
         align="lr",
@@ -70,6 +70,8 @@ def describe_order(found: Values) -> str:
     """Which families are second, and what goes with that, in sentences."""
     n, before = found["n_cells"], found["pci_before_pca"]
     clear = [row for row in found["depends"] if _is_clear(row)]
+    if not n:
+        return "No cell could be studied."
     text = f"Second is {_second(found['second'])} of {n} cells; PCI comes before PCA in {before}."
     if not clear:
         return f"{text} No factor clearly goes with that."
@@ -86,26 +88,33 @@ def write_cells_page(path: Path, summary: Mapping[str, Any]) -> Path:
     most = [row for row in found["statements"] if row["interval"][0] > 0.5]
     few = [row for row in found["statements"] if row["interval"][1] < 0.5]
     n = len(found["statements"])
-    verdict = Verdict(
+    answer = (
         f"Of {n} statements of the paper {len(most)} hold in most cells, {len(few)} do not, and "
-        f"{n - len(most) - len(few)} are open or depend on the cell.",
-        "assess images of your own robot and view: servoscope assess FOLDER.",
+        f"{n - len(most) - len(few)} are open or depend on the cell."
     )
+    verdict = Verdict(answer, "assess images of your own robot and view: servoscope assess FOLDER.")
+    if n_failed := found.get("n_failed", 0):
+        said = f"{n_failed} of {len(summary['cells'])} cells could not be studied"
+        verdict = Verdict(
+            f"{said}. {answer}" if n else f"{said}.",
+            "mend what the table of the cells says, and go on with --resume.",
+            "no",
+        )
     cells = Table(
         ["Cell", *FACTORS, *(FAMILIES[family].title for family in FAMILIES), "Seconds"],
         [
             [
-                Cell(str(one["number"]), one["number"]),
+                _name(one),
                 *(Cell(f"{value:.2f}", value) for value in one["factors"].values()),
-                *(Cell(f"{one['means'][family]:.3f}", one["means"][family]) for family in FAMILIES),
-                Cell(f"{one['seconds']:.0f}", one["seconds"]),
+                *(_number(one["means"].get(family), ".3f") for family in FAMILIES),
+                _number(one["seconds"], ".0f"),
             ]
             for one in summary["cells"]
         ],
         "",
         "What differs between the cells, and the mean RMS error of each family over the degrees "
         "of freedom and the displacement forms, of range, under the paper's protocol.",
-        align="r",
+        align="lr",
         name="cells-table",
         style="sortable",
     )
@@ -124,7 +133,7 @@ def write_cells_page(path: Path, summary: Mapping[str, Any]) -> Path:
     ]
     return write_page(
         path,
-        f"Study of {found['n_cells']} simulated cells",
+        f"Study of {len(summary['cells'])} simulated cells",
         verdict,
         [statements_table(found)],
         sections,
@@ -132,6 +141,23 @@ def write_cells_page(path: Path, summary: Mapping[str, Any]) -> Path:
         lead="Which statements of Wells and Torras (2001) hold whatever the cell, and which depend "
         "on it.",
     )
+
+
+def _counted(found: Values) -> str:
+    """How many cells count, of how many."""
+    n, n_failed = found["n_cells"], found.get("n_failed", 0)
+    return f"{n} of {n + n_failed} simulated cells" if n_failed else f"{n} simulated cells"
+
+
+def _name(one: Values) -> Cell:
+    number, reason = one["number"], one.get("error")
+    if reason is None:
+        return Cell(str(number), number)
+    return Cell(f"{number} cannot be studied", number, mark="missed", below=reason)
+
+
+def _number(value: float | None, digits: str) -> str | Cell:
+    return NONE if value is None else Cell(format(value, digits), value)
 
 
 def _interval(ends: list[float]) -> str:
