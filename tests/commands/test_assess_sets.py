@@ -1,5 +1,6 @@
 """``servoscope assess`` of several data sets: by one process, and by workers that are killed."""
 
+import json
 import os
 import shutil
 import signal
@@ -14,7 +15,7 @@ from planar import planar_data_set
 from servoscope.assessment.sets import failed_row, sets_table, sets_verdict, worst_first
 from servoscope.cli import main
 from servoscope.commands import run_sets
-from servoscope.commands.run_sets import Assessed, names_of
+from servoscope.commands.run_sets import Assessed, folder_of, names_of
 from servoscope.storage.run_folder import read_json
 
 OPTIONS = ("--families", "moments", "--dofs", "tx", "--want", "tx=3mm")
@@ -120,31 +121,62 @@ def kill_one_that_works(client):
         time.sleep(0.05)
 
 
-def test_resume_assesses_sets_again_whose_images_have_changed_and_keeps_what_cannot_be_read(
-    tmp_path, monkeypatch
-):
-    assessed = []
+@pytest.fixture
+def assessed(monkeypatch):
+    """The sets that were assessed, by their last two folders; all will do, and no time is taken."""
+    names = []
 
     def assess_one(order, dataset):
-        assessed.append(Path(dataset).name)
+        names.append("/".join(Path(dataset).parts[-2:]))
         row = {**failed_row(""), "state": "yes", "says": "It will do.", "error": None}
         row |= {"seconds": 1.0, "fingerprint": order.fingerprint(dataset)}
-        return Assessed(row, {"report.html": b""})
+        return Assessed(row, {"report.html": dataset.encode()})
 
     monkeypatch.setattr(run_sets, "assess_one", assess_one)
-    sets = [tmp_path / name for name in ("kept", "changed", "lost")]
+    return names
+
+
+def test_resume_assesses_sets_again_whose_images_have_changed_and_keeps_what_cannot_be_read(
+    tmp_path, assessed
+):
+    sets = [tmp_path / "all" / name for name in ("kept", "changed", "lost")]
     for i, folder in enumerate(sets):
         planar_data_set(60, 16, seed=i).save(folder)
     command = ["assess", *map(str, sets), *OPTIONS, "--out", str(tmp_path / "run"), "--jobs", "1"]
     assert main(command) == 0
-    assert assessed == ["kept", "changed", "lost"]
+    assert assessed == ["all/kept", "all/changed", "all/lost"]
     shutil.rmtree(sets[1])
     shutil.rmtree(sets[2])
     planar_data_set(60, 16, seed=9).save(sets[1])
     assert main([*command, "--resume"]) == 0
-    assert assessed[3:] == ["changed"]
+    assert assessed[3:] == ["all/changed"]
     assert main([*command, "--resume"]) == 0
     assert len(assessed) == 4
+
+
+def test_resume_with_other_sets_keeps_names_and_what_is_no_longer_asked_for(tmp_path, assessed):
+    sets = {}
+    for i, name in enumerate(("mon/cell", "tue/cell", "mon/shelf")):
+        planar_data_set(60, 16, seed=i).save(tmp_path / name)
+        sets[name] = str(tmp_path / name)
+    run = tmp_path / "run"
+
+    def names(*asked):
+        options = [*OPTIONS, "--out", str(run), "--jobs", "1", "--resume"]
+        assert main(["assess", *(sets[name] for name in asked), *options]) == 0
+        rows = read_json(run / "summary.json")["sets"]
+        for row in rows:
+            assert (run / row["run"] / "report.html").read_text() == row["dataset"]
+        return {row["dataset"].removeprefix(f"{tmp_path}/"): row["name"] for row in rows}
+
+    assert names("mon/cell", "mon/shelf") == {"mon/cell": "cell", "mon/shelf": "shelf"}
+    assert names("mon/cell", "tue/cell") == {"mon/cell": "cell", "tue/cell": "tue/cell"}
+    assert names("tue/cell", "mon/shelf") == {"tue/cell": "tue/cell", "mon/shelf": "shelf"}
+    assert names("tue/cell", "mon/shelf", "mon/cell").keys() == sets.keys()
+    assert assessed == ["mon/cell", "mon/shelf", "tue/cell"]
+    (run / "sets.json").write_text(json.dumps({"a": "../../etc", "b": "etc"}))
+    options = [*OPTIONS, "--out", str(run), "--jobs", "1", "--resume"]
+    assert main(["assess", sets["mon/cell"], sets["tue/cell"], *options]) == 1
 
 
 def fails_in_a_way_nobody_thought_of(order, dataset):
@@ -171,14 +203,11 @@ def test_debug_shows_where_sets_have_failed(tmp_path, monkeypatch, capsys):
 def test_sets_of_one_name_are_told_apart_by_their_folders():
     sets = ["/mon/cell", "/tue/cell", "/wed/Cell", "s3://bucket/part 7", "/x/a b/c", "/x/a_b/c"]
     names = names_of(sets)
-    assert [name for name, _ in names.values()][:4] == [
-        "mon/cell",
-        "tue/cell",
-        "wed/Cell",
-        "part 7",
-    ]
-    folders = [folder for _, folder in names.values()]
+    assert list(names.values())[:4] == ["mon/cell", "tue/cell", "wed/Cell", "part 7"]
+    folders = [folder_of(name) for name in names.values()]
     assert folders == ["mon_cell", "tue_cell", "wed_cell", "part_7", "x_a_b_c", "x_a_b_c-2"]
+    assert names_of(["/y/mon_cell"], names)["/y/mon_cell"] == "y/mon_cell"  # mon_cell is taken
+    assert names_of(sets[::-1], names) == names
 
 
 def test_rows_come_with_the_worst_first_and_so_says_the_verdict():

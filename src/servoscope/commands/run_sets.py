@@ -6,7 +6,7 @@ import re
 import shutil
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -112,8 +112,8 @@ def _rows(
 
     Those that the folder has finished are not assessed again, unless their images have changed.
     """
-    names = names_of(datasets)
-    places = {dataset: run.path / "sets" / folder for dataset, (_, folder) in names.items()}
+    names = _names(run, datasets)
+    places = {dataset: run.path / "sets" / folder_of(names[dataset]) for dataset in datasets}
     (run.path / "sets").mkdir(exist_ok=True)
     rows = {dataset: _finished(places[dataset], dataset) for dataset in datasets}
     known = [(order, dataset, row["fingerprint"]) for dataset, row in rows.items() if row]
@@ -127,13 +127,13 @@ def _rows(
         advance(len(datasets) - len(left))
         made = zip(left, outcomes(assess_one, [(order, one) for one in left], n_jobs), strict=True)
         for n_done, (dataset, found) in enumerate(made, len(datasets) - len(left) + 1):
-            name, folder = names[dataset]
+            name, place = names[dataset], places[dataset]
             if isinstance(found, Failed):
                 failed[name] = found
                 found = Assessed(failed_row(found.reason), {})
-            at = f"sets/{folder}" if found.files else None
+            at = f"sets/{place.name}" if found.files else None
             row = {"name": name, "dataset": dataset, "run": at, **found.row}
-            _put(places[dataset], found.files, row)
+            _put(place, found.files, row)
             rows[dataset] = row
             advance(n_done)
     return worst_first([row for row in rows.values() if row is not None]), failed
@@ -201,31 +201,72 @@ def _finished(place: Path, dataset: str) -> Row | None:
     return row if is_whole and (place / "report.html").exists() else None
 
 
-def names_of(datasets: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """What each data set is called, the shortest end of its path that no other has, and its folder.
+def _names(run: RunFolder, datasets: Sequence[str]) -> dict[str, str]:
+    """What each data set is called in a run folder, which keeps that: those that it has had before
+    as they were, whether they are asked for again or not.
+    """
+    path = run.path / "sets.json"
+    before = read_json(path) if path.exists() else {}
+    folders = {folder_of(name) for name in before.values() if isinstance(name, str)}
+    if len(folders) < len(before):
+        raise RunFolderError(f"{path} is damaged; make the run again with --force.")
+    names = names_of(datasets, before)
+    write_json(path, names)
+    return names
+
+
+def names_of(datasets: Sequence[str], before: Mapping[str, str] | None = None) -> dict[str, str]:
+    """What each data set is called: the shortest end of its path that is the folder of no other.
+
+    Parameters
+    ----------
+    datasets : sequence of str
+    before : dict, optional
+        Names that stay as they are.
+
+    Returns
+    -------
+    dict
+        Those of before as well.
 
     Examples
     --------
     >>> names_of(["/a/monday", "/b/monday", "s3://parts/7"])["/b/monday"]
-    ('b/monday', 'b_monday')
+    'b/monday'
+    >>> names_of(["/b/monday"], {"/a/monday": "monday"})
+    {'/a/monday': 'monday', '/b/monday': 'b/monday'}
     """
-    parts = {dataset: [p for p in re.split(r"[/\\]+", dataset) if p] for dataset in datasets}
-    names = {}
-    for dataset, words in parts.items():
-        others = [other for one, other in parts.items() if one != dataset]
-        for length in range(1, len(words) + 1):
-            names[dataset] = "/".join(words[-length:])
-            if all(_folder("/".join(o[-length:])) != _folder(names[dataset]) for o in others):
-                break
-    folders: dict[str, str] = {}
-    for dataset, name in names.items():
-        folder, number = _folder(name), 2
-        while folder in folders.values():
-            folder, number = f"{_folder(name)}-{number}", number + 1
-        folders[dataset] = folder
-    return {dataset: (names[dataset], folders[dataset]) for dataset in datasets}
+    names = dict(before or {})
+    parts = {
+        dataset: [part for part in re.split(r"[/\\]+", dataset) if part]
+        for dataset in [*names, *datasets]
+    }
+    taken = {folder_of(name) for name in names.values()}
+    for dataset in datasets:
+        if dataset in names:
+            continue
+        others = [words for one, words in parts.items() if one != dataset]
+        name = _shortest(parts[dataset], others, taken)
+        whole, number = name, 2
+        while folder_of(name) in taken:
+            name, number = f"{whole}-{number}", number + 1
+        names[dataset] = name
+        taken.add(folder_of(name))
+    return names
 
 
-def _folder(name: str) -> str:
-    """A name that any file system takes."""
+def _shortest(words: list[str], others: list[list[str]], taken: set[str]) -> str:
+    """The shortest end of a path whose folder is not taken, nor that of as long an end of another;
+    if there is none, the whole.
+    """
+    for length in range(1, len(words) + 1):
+        name = "/".join(words[-length:])
+        ends = {folder_of("/".join(other[-length:])) for other in others}
+        if folder_of(name) not in ends | taken:
+            return name
+    return "/".join(words) or "set"
+
+
+def folder_of(name: str) -> str:
+    """The folder of a name, which any file system takes."""
     return re.sub(r"[^\w-]+", "_", name).strip("_").lower() or "set"

@@ -28,6 +28,7 @@ VERSION = 1
 PARTS = (
     "config.json",
     "summary.json",
+    "sets.json",
     "features.npz",
     "selection.npz",
     "ranking.csv",
