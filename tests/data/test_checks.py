@@ -274,6 +274,12 @@ def test_repeated_shots_are_counted(plane, jitter):
     assert only(data, "repeated_shots").numbers == {"n_repeats": 160, "n_poses": 80}
 
 
+def test_of_very_many_images_it_is_said_how_many_were_looked_at(plane, monkeypatch):
+    monkeypatch.setattr("servoscope.data.checks._MOST_VIEWED", 120)
+    text = only(shots(plane, 3)[0], "repeated_shots").text
+    assert " of 120 images that were looked at, of 240, repeat the pose" in text
+
+
 def test_few_repeated_shots_are_counted_too(plane):
     data, _ = shots(plane, 1)
     again = replace(data[:4], images=noisy(data.images[:4], seed=9))

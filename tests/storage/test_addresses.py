@@ -1,5 +1,6 @@
 """Data sets at addresses: in fsspec's memory, and at a real S3 server on loopback."""
 
+import json
 import pickle
 from pathlib import Path
 
@@ -60,6 +61,22 @@ def test_a_set_in_another_file_system_is_the_same_set(in_memory, folder, memory)
     assert isinstance(data.images, np.ndarray) is (memory is None)
     is_same(data, PoseImageSet.load(folder))
     assert nothing_is_left()
+
+
+def test_commands_read_sets_at_addresses(in_memory, folder, tmp_path, capsys):
+    address, _ = in_memory
+    described = []
+    for place in (address, str(folder)):
+        assert main(["info", place, "--json"]) == 0
+        described.append({**json.loads(capsys.readouterr().out), "data_set": place})
+    assert described[0] == {**described[1], "data_set": address}
+    lost = "memory://lost/set"
+    for command in (
+        ["train", str(folder), "--add", lost, "--out", str(tmp_path / "model")],
+        ["info", lost],
+    ):
+        assert main(command) == 1
+        assert f"servoscope: {lost} is not a data set folder" in capsys.readouterr().err
 
 
 def test_a_file_address_is_the_folder_and_a_path_stays_one(folder):

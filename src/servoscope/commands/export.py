@@ -28,7 +28,7 @@ def export(
     file: File,
     format: Literal["tum", "kitti"] = "tum",
     check: int = 20,
-    dataset: Path | None = None,
+    dataset: str | None = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -73,7 +73,7 @@ def export(
 
 
 def _export_model(
-    folder: Path, file: Path, check: int, dataset: Path | None, force: bool
+    folder: Path, file: Path, check: int, dataset: str | None, force: bool
 ) -> dict[str, Any]:
     import numpy as np
 

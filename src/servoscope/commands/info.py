@@ -31,7 +31,7 @@ ENDS = ("report.html", "scoreboard.html", "sensitivity.md", "rehearsal.html")
 def info(
     path: AnyFolder = None,
     figure: Path | None = None,
-    dataset: Path | None = None,
+    dataset: str | None = None,
     json: Json = False,
 ) -> None:
     """Show what a data set, a run or a model folder holds; without one, what is installed.
@@ -49,26 +49,27 @@ def info(
         dataset: Data set whose pose-image covariance the figure is to show as well.
     """
     from servoscope.commands.output import print_facts
+    from servoscope.storage.addresses import place_of
     from servoscope.storage.model_folder import is_model
     from servoscope.storage.run_folder import is_run
 
     if figure is None and dataset is not None:
         raise InvalidInputError("--dataset is for the figure; name its file with --figure.")
+    place = None if path is None else place_of(path)
     if figure is not None:
-        _write_figure(path, figure, dataset)
-    if path is not None and is_model(path) and not json and not is_run(path):
-        _print_model(path)
-        return
-    if path is not None and not is_run(path) and not is_model(path):
-        print_data_set(path, as_json=json)
-        return
-    if path is None:
-        facts = describe_installation()
-    elif is_run(path):
-        facts = describe_run(path)
+        _write_figure(place, figure, dataset)
+    if place is None:
+        print_facts(describe_installation(), as_json=json)
+    elif isinstance(place, str):
+        print_data_set(place, as_json=json)
+    elif is_run(place):
+        print_facts(describe_run(place), as_json=json)
+    elif not is_model(place):
+        print_data_set(place, as_json=json)
+    elif json:
+        print_facts(describe_model(place), as_json=json)
     else:
-        facts = describe_model(path)
-    print_facts(facts, as_json=json)
+        _print_model(place)
 
 
 def describe_installation() -> dict[str, Any]:
@@ -82,7 +83,7 @@ def describe_installation() -> dict[str, Any]:
     }
 
 
-def describe_data_set(folder: Path) -> dict[str, Any]:
+def describe_data_set(folder: Path | str) -> dict[str, Any]:
     """What a data set folder holds.
 
     Raises
@@ -120,7 +121,7 @@ def describe_data_set(folder: Path) -> dict[str, Any]:
     }
 
 
-def print_data_set(folder: Path, *, as_json: bool) -> None:
+def print_data_set(folder: Path | str, *, as_json: bool) -> None:
     """Print what a data set folder holds; where its images come from in a line or two.
 
     Raises
@@ -280,7 +281,7 @@ def _keyframe(header: dict[str, Any], arrays: dict[str, Any]) -> Keyframe | None
     return Keyframe.from_arrays(parts_of(arrays)["keyframe"]) if is_keyframe else None
 
 
-def _write_figure(folder: Path | None, file: Path, dataset: Path | None) -> None:
+def _write_figure(folder: Path | str | None, file: Path, dataset: str | None) -> None:
     """Write the figure of a keyframe model."""
     from servoscope.data.images import PoseImageSet
     from servoscope.keyframe.figure import write_keyframe
@@ -288,7 +289,7 @@ def _write_figure(folder: Path | None, file: Path, dataset: Path | None) -> None
     from servoscope.storage.model_folder import is_model, read_model
 
     keyframe = None
-    if folder is not None and is_model(folder):
+    if isinstance(folder, Path) and is_model(folder):
         header, arrays = read_model(folder)
         keyframe = _keyframe(header, arrays)
     if keyframe is None:

@@ -24,7 +24,9 @@ DataSet = Positional[
 MoreDataSets = Positional[
     Annotated[tuple[str, ...], arg(metavar="DATASET ...", help="Further ones.")]
 ]
-AnyFolder = Positional[Annotated[Path | None, arg(metavar="PATH", help="Folder.")]]
+AnyFolder = Positional[
+    Annotated[str | None, arg(metavar="PATH", help="Folder, or the address of a data set.")]
+]
 Model = Positional[Annotated[Path, arg(metavar="MODEL", help="Model folder.")]]
 ModelOut = Annotated[Path, arg(help="Model folder to write.")]
 Run = Positional[Annotated[Path, arg(metavar="RUN", help="Run folder.")]]

@@ -49,7 +49,7 @@ PoseNoise = Annotated[
 
 
 Add = Annotated[
-    UseAppendAction[tuple[Path, ...]],
+    UseAppendAction[tuple[str, ...]],
     arg(
         metavar="DATASET",
         help="Another data set about the same reference pose or image, as of another lamp or of "
@@ -134,7 +134,7 @@ def train(
     check_free(out, force=force)
     data, *others = (
         PoseImageSet.load(folder, memory=memory).thinned(MOST_IMAGES, memory)
-        for folder in [dataset, *map(str, add)]
+        for folder in [dataset, *add]
     )
     for more in others:
         data = data + more

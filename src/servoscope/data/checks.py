@@ -235,6 +235,7 @@ class _View:
     """
 
     def __init__(self, data: PoseImageSet) -> None:
+        self.n_sound = len(data)
         order = (
             np.arange(len(data)) if data.times is None else np.argsort(data.times, kind="stable")
         )
@@ -387,9 +388,11 @@ def _repeated_shots(view: _View) -> Iterator[Finding]:
     if view.is_sequence or not (n_repeats := len(_shots_of_one_pose(view))):
         return
     n = len(view.data)
+    among = "" if n == view.n_sound else f" that were looked at, of {view.n_sound},"
     text = (
-        f"{n_repeats} of {n} images repeat the pose of another one: {n - n_repeats} different "
-        "poses. Shots of one pose count as one, and are tested on together; take more poses."
+        f"{n_repeats} of {n} images{among} repeat the pose of another one: {n - n_repeats} "
+        "different poses. Shots of one pose count as one, and are tested on together; take more "
+        "poses."
     )
     yield Finding("repeated_shots", text, {"n_repeats": n_repeats, "n_poses": n - n_repeats})
 

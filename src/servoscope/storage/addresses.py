@@ -43,14 +43,14 @@ def place_of(folder: str | os.PathLike[str]) -> Path | str:
 
     Examples
     --------
-    >>> place_of("s3://bucket/set/"), place_of("file:///data/set").as_posix()
+    >>> place_of("S3://bucket/set/"), place_of("file:///data/set").as_posix()
     ('s3://bucket/set', '/data/set')
     """
     text = os.fspath(folder)
     scheme = _scheme(text)
     if scheme in _LOCAL:
         return Path(url2pathname(urlsplit(text).path))
-    return Path(text) if scheme is None else text.rstrip("/")
+    return Path(text) if scheme is None else scheme + text[len(scheme) :].rstrip("/")
 
 
 def absolute(folder: str | os.PathLike[str]) -> str:
