@@ -154,7 +154,9 @@ def test_resume_assesses_sets_again_whose_images_have_changed_and_keeps_what_can
     assert len(assessed) == 4
 
 
-def test_resume_with_other_sets_keeps_names_and_what_is_no_longer_asked_for(tmp_path, assessed):
+def test_resume_with_other_sets_keeps_names_and_what_is_no_longer_asked_for(
+    tmp_path, assessed, capsys
+):
     sets = {}
     for i, name in enumerate(("mon/cell", "tue/cell", "mon/shelf")):
         planar_data_set(60, 16, seed=i).save(tmp_path / name)
@@ -177,6 +179,7 @@ def test_resume_with_other_sets_keeps_names_and_what_is_no_longer_asked_for(tmp_
     (run / "sets.json").write_text(json.dumps({"a": "../../etc", "b": "etc"}))
     options = [*OPTIONS, "--out", str(run), "--jobs", "1", "--resume"]
     assert main(["assess", sets["mon/cell"], sets["tue/cell"], *options]) == 1
+    assert f"{run / 'sets.json'} is damaged" in capsys.readouterr().err
 
 
 def fails_in_a_way_nobody_thought_of(order, dataset):

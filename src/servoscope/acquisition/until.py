@@ -228,7 +228,7 @@ def _take_all(
     on_progress: Callable[[int], object] | None,
     on_standing: Callable[[Standing], object] | None,
 ) -> None:
-    ((reference_image, T_world_ref, noise),) = in_processes(take_reference, [(config,)], 1)
+    reference_image, T_world_ref, noise = take_reference(config)
 
     def take(start: int, displacements: Array) -> tuple[Images, Array]:
         calls = [(config, T_world_ref, start + k, d) for k, d in enumerate(displacements)]
