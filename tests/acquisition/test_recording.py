@@ -209,6 +209,21 @@ def test_ctrl_c_on_the_way_back_after_a_fault_stops_the_robot_there(tmp_path) ->
     assert (robot.n_back, robot.n_stopped) == (1, 1)
 
 
+def test_ctrl_c_names_no_fault_that_was_dealt_with_before(tmp_path) -> None:
+    def interrupted(n_done: int) -> None:
+        try:
+            raise TimeoutError("the display is busy")
+        except OSError:
+            if n_done == 5:
+                signal.raise_signal(signal.SIGINT)
+
+    robot = Driver()
+    with pytest.raises(AcquisitionStoppedError) as caught:
+        acquire_from(robot, robot, tmp_path / "part", n_images=20, on_progress=interrupted, **SMALL)
+    assert str(caught.value).startswith("Interrupted. ")
+    assert "busy" not in str(caught.value)
+
+
 def test_a_frozen_camera_and_one_that_never_rests_are_refused(tmp_path) -> None:
     class Frozen(Driver):
         def read(self):

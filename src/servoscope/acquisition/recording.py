@@ -356,6 +356,7 @@ class _Recording:
         self._checks: list[dict[str, Any]] = []
         self._last: tuple[Image, Array] | None = None
         self._begun: _Begun | None = None
+        self._fault: RunEnded | OSError | None = None  # after which the robot is on its way back
 
     def run(self, confirm: Callable[[Plan], bool] | None) -> None:
         """Take what is not there yet, and finish the data set."""
@@ -365,7 +366,7 @@ class _Recording:
                 interruption.hold()
             except KeyboardInterrupt as error:
                 interruption.hold()
-                fault = _fault_behind(error)
+                fault = self._fault
                 after = "." if fault is None else f" on the way back, after: {_sentence(fault)}"
                 raise AcquisitionStoppedError(
                     f"Interrupted{after} {self._robot.stop()} {self._standing()}"
@@ -386,10 +387,12 @@ class _Recording:
             begun = self._prepare(confirm)
             self._take_all(begun, interruption)
         except RunEnded as end:
+            self._fault = end
             raise AcquisitionStoppedError(
                 f"{_sentence(end)} {self._left(end.status)} {self._standing()}"
             ) from end
         except OSError as error:
+            self._fault = error
             raise AcquisitionStoppedError(
                 f"{self._folder} cannot be written ({one_line(error)}); make room. "
                 f"{self._left('disk')} {self._standing()}"
@@ -736,14 +739,6 @@ def _has_changed(before: Image, image: Image) -> bool:
     except InvalidInputError:  # nothing is seen before
         return True
     return arrival.is_displaced(compared) or compared.matched < _ALIKE
-
-
-def _fault_behind(error: BaseException) -> BaseException | None:
-    """The fault that the robot was on its way back after when it was interrupted."""
-    before = error.__context__
-    while before is not None and not isinstance(before, RunEnded | OSError):
-        before = before.__context__
-    return before
 
 
 def _sentence(end: BaseException) -> str:
