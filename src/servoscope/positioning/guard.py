@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from servoscope.poses import (
@@ -35,6 +36,9 @@ NOTICEABLE = 0.01
 
 FARTHEST_M = 1000.0
 """No camera is farther from its reference."""
+
+_FULL = 1 - 1e-6
+"""Share of its limit that a step is cut to, so that no rounding carries it beyond."""
 
 STANDING_M, STANDING_RAD = 2e-4, float(np.radians(0.04))
 """Changes of the reported pose up to this are no motion, whatever the repeatability."""
@@ -237,7 +241,7 @@ def is_diverging(errors: Sequence[float], growth: float) -> bool:
 
 
 def limited(displacement: Array, pivot: float, limits: tuple[float, float]) -> Array:
-    """A displacement cut to a longest distance [m] and angle [rad].
+    """A displacement cut to a longest distance [m] and angle [rad], never beyond either.
 
     The cut motion turns about the pivot and carries it straight, so that the part stays in view.
 
@@ -247,11 +251,22 @@ def limited(displacement: Array, pivot: float, limits: tuple[float, float]) -> A
     >>> limited(D, 0.55, (0.025, 1.0))[:3, 3].round(4)
     array([0.025, 0.   , 0.   ])
     """
-    share, part = 1.0, displacement
-    while (excess := np.max(np.ravel(pose_error(np.eye(4), part)) / limits)) > 1 + 1e-9:
-        share /= excess
-        part = _part_of(displacement, share, pivot)
-    return part
+    P = rigid_transform(np.eye(3), [0.0, 0.0, pivot])
+    about_pivot = inverse_transform(P) @ displacement @ P
+    shift, centre = about_pivot[:3, 3], P[:3, 3]
+    turn = Rotation.from_matrix(about_pivot[:3, :3]).as_rotvec()
+
+    def use_of(share: float) -> float:
+        """Of the limit that is nearer; the distance does not grow evenly with the turn."""
+        moved = share * shift + centre - Rotation.from_rotvec(share * turn).apply(centre)
+        sizes = np.array([np.linalg.norm(moved), share * np.linalg.norm(turn)])
+        return float(np.max(sizes / limits))
+
+    if not use_of(1.0) > 1:
+        return displacement
+    share = brentq(lambda share: use_of(share) - _FULL, 0.0, 1.0, xtol=1e-15)
+    R = Rotation.from_rotvec(share * turn).as_matrix()
+    return P @ rigid_transform(R, share * shift) @ inverse_transform(P)
 
 
 def is_finite_rigid(T: Any) -> bool:
@@ -275,11 +290,3 @@ def as_text(displacement: Array) -> str:
     """
     distance, angle = pose_error(np.eye(4), displacement)
     return f"{1e3 * float(distance):.2f} mm and {np.degrees(float(angle)):.3f} deg"
-
-
-def _part_of(displacement: Array, share: float, pivot: float) -> Array:
-    P = rigid_transform(np.eye(3), [0.0, 0.0, pivot])
-    about_pivot = inverse_transform(P) @ displacement @ P
-    turn = Rotation.from_matrix(about_pivot[:3, :3]).as_rotvec()
-    R = Rotation.from_rotvec(share * turn).as_matrix()
-    return P @ rigid_transform(R, share * about_pivot[:3, 3]) @ inverse_transform(P)
