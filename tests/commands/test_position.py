@@ -2,19 +2,23 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from servoscope.cli import main
+from servoscope.commands.cells import Cell
 from servoscope.data.images import PoseImageSet
 from servoscope.poses import (
     DISPLAY_FACTORS,
     DOFS,
     displacements_from_poses,
     inverse_transform,
+    rigid_transform,
 )
-from servoscope.positioning import PositioningModel
+from servoscope.positioning import LoopSettings, PositioningModel
 from servoscope.storage.model_folder import read_model
 from servoscope.wording import plain_number
 from small_keyframe import quick_fits
@@ -91,10 +95,24 @@ def test_people_are_shown_every_look(cell, capsys) -> None:
     for words in (
         "answered by",
         "predicted error about the pivot: tx",
-        "true error:",
+        "true error about the pivot: tx",
+        "true error of the camera:",
         "converged:",
     ):
         assert words in out
+
+
+def test_true_displacements_are_of_the_frame_that_the_robot_reports(rng):
+    T_ref, T_now, mount = rigid_transform(
+        Rotation.random(3, rng=rng).as_matrix(), rng.normal(size=(3, 3))
+    )
+    robot = SimpleNamespace(true_pose=T_now @ mount)
+    cell = Cell(robot, robot, LoopSettings(), T_ref @ mount, mount)
+    np.testing.assert_allclose(cell.true_displacement(), np.linalg.inv(T_ref) @ T_now, atol=1e-12)
+    carried = cell._replace(T_reported_cam=None)
+    np.testing.assert_allclose(
+        carried.true_displacement(), np.linalg.inv(T_ref @ mount) @ T_now @ mount, atol=1e-12
+    )
 
 
 def test_what_does_not_converge_fails_with_its_status(cell, capsys) -> None:

@@ -95,8 +95,11 @@ def test_what_cannot_be_shown_is_one_line(log, capsys, arguments, reason) -> Non
 
 def test_a_folder_that_is_no_log_is_one_line(tmp_path, capsys) -> None:
     np.save(tmp_path / "other.npy", np.zeros(3))
-    assert main(["view", str(tmp_path)]) == 1
-    assert capsys.readouterr().err.count("\n") == 1
+    for path in (tmp_path, tmp_path / "other.npy", tmp_path / "nowhere"):
+        assert main(["view", str(path)]) == 1
+        err = capsys.readouterr().err
+        assert err.count("\n") == 1
+        assert "is not the log of a run, a data set folder or a model folder" in err
 
 
 @pytest.fixture(scope="module")

@@ -108,11 +108,10 @@ class CellOptions:
         elif self.robot is not None and self._is_recorded:
             recorded, T_ref = self._recorded(model, Path(self.robot.removeprefix(_RECORDED)))
             settings = settings.for_poses_apart(*recorded.spacing())
-            yield Cell(recorded, recorded, settings, T_ref, reports_camera=True)
+            yield Cell(recorded, recorded, settings, T_ref)
         else:
             cell = self._simulated(model)
-            reports_camera = model.trained_on["robot"] == "free"
-            yield Cell(cell, cell, settings, T_WORLD_REF, reports_camera)
+            yield Cell(cell, cell, settings, T_WORLD_REF, _mount(model.trained_on["robot"]))
 
     def number(self, wanted: str = "a number from 0") -> int:
         """The whole number that ``--start`` is, 0 by default; `wanted` says what it is of."""
@@ -188,15 +187,32 @@ class Cell(NamedTuple):
     settings : LoopSettings
     T_ref : ndarray of shape (4, 4), optional
         True pose of the camera at the reference, if it is known, [m].
-    reports_camera : bool
-        Whether the poses that the robot reports are those of the camera.
+    T_reported_cam : ndarray of shape (4, 4), optional
+        Where the camera is in the frame that the robot reports, if it is not the camera's, [m].
     """
 
     robot: Any
     camera: Any
     settings: LoopSettings
     T_ref: Any = None
-    reports_camera: bool = False
+    T_reported_cam: Any = None
+
+    def true_displacement(self) -> Any:
+        """Of the frame that the robot reports, from the reference, (4, 4), [m]."""
+        from servoscope.poses import inverse_transform
+
+        T_cam = inverse_transform(self.T_ref) @ self.robot.true_pose
+        mount = self.T_reported_cam
+        return T_cam if mount is None else mount @ T_cam @ inverse_transform(mount)
+
+
+def _mount(robot: str) -> Any:
+    """Where the camera is in the frame that a simulated robot reports; None if it is that one."""
+    if robot == "free":
+        return None
+    from servoscope.robots.arm import MOUNT
+
+    return MOUNT
 
 
 @dataclass(frozen=True)

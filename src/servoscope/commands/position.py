@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from tyro.conf import arg
 
@@ -64,13 +64,13 @@ def position(
         print_json(facts) if json else _print_replayed(facts)
         return
     with cell.opened(trained, loop.settings(trained)) as opened:
-        positioner, distances = Positioner(trained, opened.settings), None
+        positioner, truth = Positioner(trained, opened.settings), None
         if opened.T_ref is None:
             result = _run_own(positioner, opened, dry_run, yes, log)
         else:
-            result, distances = _run_known(positioner, opened, dry_run, log)
-    facts = result.to_dict() | ({} if distances is None else {"true_error": distances[-1]})
-    print_json(facts) if json else _print_run(result, distances)
+            result, truth = _run_known(positioner, opened, dry_run, log)
+    facts = result.to_dict() | ({} if truth is None else {"true_error": truth.camera})
+    print_json(facts) if json else _print_run(result, truth)
     _end(result)
 
 
@@ -82,23 +82,40 @@ def _end(result: PositioningResult) -> None:
         raise ServoscopeError(f"{result.status}: {result.message}")
 
 
+class _Truth(NamedTuple):
+    """What is true of a run in a cell that is known.
+
+    Parameters
+    ----------
+    looks : list of ndarray of shape (4, 4)
+        Displacement at every look, of the frame that the robot reports, [m].
+    end : ndarray of shape (6,)
+        Displacement at the end, about the pivot, [m] and [rad].
+    camera : dict
+        How far the camera is from the reference at the end, in mm and deg.
+    """
+
+    looks: list[Any]
+    end: Any
+    camera: dict[str, float]
+
+
 def _run_known(
     positioner: Positioner, cell: Cell, dry_run: bool, log: Path | None
-) -> tuple[PositioningResult, list[dict[str, float]]]:
-    """The run, and the true distance from the reference at every look and at the end."""
+) -> tuple[PositioningResult, _Truth]:
+    """The run, and what is true at every look and at the end."""
     import numpy as np
 
-    from servoscope.poses import pose_error
+    from servoscope.poses import displacements_from_poses, pose_error
 
-    distances: list[dict[str, float]] = []
-
-    def note(step: Any = None, image: Any = None) -> None:
-        distance, angle = pose_error(cell.T_ref, cell.robot.true_pose)
-        distances.append({"mm": 1e3 * float(distance), "deg": float(np.degrees(angle))})
-
-    result = _logged_run(positioner, cell, dry_run, log, note)
-    note()
-    return result, distances
+    looks: list[Any] = []
+    result = _logged_run(
+        positioner, cell, dry_run, log, lambda step, image: looks.append(cell.true_displacement())
+    )
+    distance, angle = pose_error(cell.T_ref, cell.robot.true_pose)
+    camera = {"mm": 1e3 * float(distance), "deg": float(np.degrees(angle))}
+    end, pivot = cell.true_displacement()[None], positioner.estimator.pivot
+    return result, _Truth(looks, displacements_from_poses(np.eye(4), end, pivot)[0], camera)
 
 
 def _run_own(
@@ -186,47 +203,54 @@ def _logged_run(
     return result
 
 
-def _print_run(
-    result: PositioningResult, distances: Sequence[dict[str, float]] | None = None
-) -> None:
+def _print_run(result: PositioningResult, truth: _Truth | None = None) -> None:
     """Print the looks, and what is believed of the end; and what is true, where that is known."""
     import numpy as np
     from rich.table import Table
 
     from servoscope.commands.output import console
-    from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS, pose_error
 
-    n_looks = len(result.steps)
-    truths = [None] * n_looks if distances is None else list(map(_far, distances))[:n_looks]
+    truths = [None] * len(result.steps) if truth is None else truth.looks
     table = Table(box=None, pad_edge=False)
-    for column in ("look", "answered by", "believed", "true", "novelty", "matched", "ms"):
-        if column != "true" or distances is not None:
-            table.add_column(column, justify="left" if column == "answered by" else "right")
-    for number, (step, truth) in enumerate(zip(result.steps, truths, strict=False)):
-        distance, angle = pose_error(np.eye(4), step.estimate.displacement)
+    far = ("believed [mm, deg]", *(() if truth is None else ("true [mm, deg]",)))
+    for column in ("look", "answered by", *far, "novelty", "matched", "ms"):
+        table.add_column(column, justify="left" if column == "answered by" else "right")
+    for number, (step, true) in enumerate(zip(result.steps, truths, strict=False)):
         table.add_row(
             str(number + 1),
             step.estimate.stage,
-            f"{1e3 * distance:.3f} mm {np.degrees(angle):.3f} deg",
-            *([] if truth is None else [truth]),
+            _far(step.estimate.displacement),
+            *([] if true is None else [_far(true)]),
             f"{step.estimate.novelty:.2f}",
             "-" if step.comparison is None else f"{step.comparison.matched:.0%}",
-            f"{1e3 * step.seconds:.1f}",
+            f"{1e3 * step.seconds:.0f}",
         )
     out = console()
     out.print(table)
-    left = zip(DOFS, DISPLAY_FACTORS * result.predicted_error, DISPLAY_UNITS, strict=True)
-    said = [f"{dof} {e:.3f} {unit}" for dof, e, unit in left if dof in result.dofs]
     if np.isfinite(result.predicted_error).any():
-        out.print("predicted error about the pivot:", ", ".join(said))
-    if distances is not None:
-        out.print(f"true error: {distances[-1]['mm']:.3f} mm, {distances[-1]['deg']:.3f} deg")
+        out.print("predicted error about the pivot:", _by_dof(result.predicted_error, result.dofs))
+    if truth is not None:
+        out.print("true error about the pivot:", _by_dof(np.abs(truth.end), result.dofs))
+        camera = truth.camera
+        out.print(f"true error of the camera: {camera['mm']:.3f} mm, {camera['deg']:.3f} deg")
     if result.status in _DONE:  # any other end is said on standard error
         out.print(f"{result.status}: {result.message}")
 
 
-def _far(distance: dict[str, float]) -> str:
-    return f"{distance['mm']:.3f} mm {distance['deg']:.3f} deg"
+def _far(displacement: Any) -> str:
+    import numpy as np
+
+    from servoscope.poses import pose_error
+
+    distance, angle = pose_error(np.eye(4), displacement)
+    return f"{1e3 * distance:.3f} {np.degrees(angle):6.3f}"
+
+
+def _by_dof(errors: Any, dofs: Sequence[str]) -> str:
+    from servoscope.poses import DISPLAY_FACTORS, DISPLAY_UNITS, DOFS
+
+    shown = zip(DOFS, DISPLAY_FACTORS * errors, DISPLAY_UNITS, strict=True)
+    return ", ".join(f"{dof} {e:.3f} {unit}" for dof, e, unit in shown if dof in dofs)
 
 
 def _replayed(model: PositioningModel, folder: Path) -> dict[str, Any]:

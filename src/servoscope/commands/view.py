@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
@@ -86,6 +86,11 @@ def _history(path: Path, model: Path | None) -> History:
     estimator = None if model is None else PositioningModel.load(model)
     if is_data_set(path):
         return History.of_data_set(PoseImageSet.load(path), estimator)
+    if not (path / "run.json").exists():
+        raise InvalidInputError(
+            f"{path} is not the log of a run, a data set folder or a model folder; name one of "
+            "these."
+        )
     return read_log(path, estimator)
 
 
@@ -114,7 +119,7 @@ def _run(
     from servoscope.viewer.live import LiveRun
 
     positioner = Positioner(model, cell.settings)
-    truth = _truth(cell)
+    truth = None if cell.T_ref is None else cell.true_displacement
     history = History(Setting.of_estimator(model), knows_truth=truth is not None)
     with page.served(history) as browser:
         run_log = None if log is None else RunLog(log, positioner)
@@ -131,15 +136,6 @@ def _run(
         if result.status == "interrupted" and not live.was_stopped:
             return  # by Ctrl-C, which ends the command too
         wait_for_ctrl_c()
-
-
-def _truth(cell: Cell) -> Callable[[], Any] | None:
-    """What says the true displacement of the frame that the robot reports, if it is known."""
-    from servoscope.poses import inverse_transform
-
-    if not cell.reports_camera:
-        return None
-    return lambda: inverse_transform(cell.T_ref) @ cell.robot.true_pose
 
 
 @contextmanager
@@ -168,4 +164,4 @@ def _rehearsed(
         repeatability_mm=1e3 * scatter.position,
         repeatability_deg=float(np.degrees(scatter.rotation)),
     )
-    yield Cell(rendered, rendered, settings, np.eye(4), reports_camera=True)
+    yield Cell(rendered, rendered, settings, np.eye(4))
