@@ -153,8 +153,8 @@ def _read(part: str) -> tuple[str, float, str]:
         value = np.nan
     if not 0 < value < np.inf or name not in {*DOFS, "t", "r"}:
         raise InvalidInputError(
-            f"A tolerance is written like tx=0.5mm or rz=0.1deg, with one of "
-            f"{', '.join(DOFS)} and a positive number, got {part.strip()!r}."
+            f"A tolerance is written like tx=0.5mm or rz=0.1deg, with one of {', '.join(DOFS)}, t "
+            f"and r, a positive number and its unit, got {part.strip()!r}."
         )
     return name, value, unit
 

@@ -178,6 +178,14 @@ def test_what_helps_most_comes_first():
     assert starts == ["a", "approach", "twice"]
 
 
+def test_beside_a_keyframe_it_is_said_which_advice_is_for_features():
+    found = replace(FOUND, keyframe=0.01, loop=0.02, at_twice=0.7, at_five_times=0.4)
+    assert advise(found) == [
+        "position by a keyframe: the loop ends at 0.02 mm",
+        "from features, twice the images bring 0.7 mm, five times 0.4 mm",
+    ]
+
+
 def test_of_what_no_feature_predicts_another_view_is_advised():
     found = replace(FOUND, observable="not", rms=9.2, inner=0.1, at_five_times=0.1)
     (line,) = advise(found)

@@ -359,6 +359,17 @@ def test_inverted_poses_are_noticed(plane, video):
         assert "inverted_poses" not in names(placed)
 
 
+@pytest.mark.parametrize(
+    ("given", "advised"),
+    [("camera-to-world", "world-to-camera"), ("world-to-camera", "camera-to-world")],
+)
+def test_inverted_poses_are_imported_the_other_way(plane, given, advised):
+    source = {"format": "folder", "options": {"direction": given}}
+    found = check_data(replace(inverted(plane), source=source))
+    (text,) = (finding.text for finding in found if finding.name == "inverted_poses")
+    assert text.endswith(f"or import with --direction {advised}.")
+
+
 @pytest.mark.parametrize("name", SEQUENCES)
 def test_inverted_poses_of_real_images_are_noticed(name):
     assert "inverted_poses" in names(inverted(real_sequence(name)))

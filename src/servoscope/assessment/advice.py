@@ -100,7 +100,9 @@ def advise(found: Findings) -> list[str]:
     by_keyframe = list(_by_keyframe(found))
     if found.is_met_by_keyframe and by_keyframe:
         return [text for _, text in by_keyframe]
-    helps = sorted([*by_keyframe, *_helps(found)], key=lambda item: item[0])
+    whose = "" if found.keyframe is None and found.loop is None else "from features, "
+    of_features = [(hoped, f"{whose}{text}") for hoped, text in _helps(found)]
+    helps = sorted([*by_keyframe, *of_features], key=lambda item: item[0])
     lines = [*_obstacles(found), *(text for _, text in helps), *_warnings(found)]
     return lines[:MOST_LINES]
 

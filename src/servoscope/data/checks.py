@@ -487,7 +487,12 @@ def _inverted_poses(view: _View) -> Iterator[Finding]:
         f"images shift, one at their inverses {100 * inverse:.0f} %. T_world_cam maps camera "
         "coordinates to the world; invert them"
     )
-    text += ", or import with --direction world-to-camera." if _is_imported(view.data) else "."
+    if _is_imported(view.data):
+        options = view.data.source.get("options")
+        was_inverse = isinstance(options, dict) and options.get("direction") == "world-to-camera"
+        other = "camera-to-world" if was_inverse else "world-to-camera"
+        text += f", or import with --direction {other}"
+    text += "."
     yield Finding("inverted_poses", text, {"explained": given, "explained_inverted": inverse})
 
 

@@ -199,7 +199,10 @@ def read_meta(folder: Folder) -> dict[str, Any]:
                 f"{path} is unfinished ({progress.n_done} images); repeat the command that began "
                 "it."
             )
-        raise DataSetError(f"{path} is not a data set folder: it has no meta.json.")
+        raise DataSetError(
+            f"{path} is not a data set folder: it has no meta.json; name one that acquire or "
+            "import wrote."
+        )
     meta = read_json(path / "meta.json", DataSetError)
     if meta.get("version") != VERSION:
         raise DataSetError(

@@ -206,7 +206,10 @@ def _find(path: Path) -> Path:
     if not path.is_dir():
         raise ModelError(f"{path} is a file; name the folder of a trained model.")
     if not (path / MODEL).is_file() and not (path / MODEL).is_symlink():
-        raise ModelError(f"{path} is not a model, or an unfinished one: it has no {MODEL}.")
+        raise ModelError(
+            f"{path} is not a model, or an unfinished one: it has no {MODEL}; name a folder that "
+            "train wrote."
+        )
     return path
 
 

@@ -166,7 +166,9 @@ def read_settings(path: Path) -> dict[str, Any]:
         If the folder is not a run folder, or is one of another version.
     """
     if not is_run(path):
-        raise RunFolderError(f"{path} is not a run folder: it has no config.json of a run.")
+        raise RunFolderError(
+            f"{path} is not a run folder: it has no config.json of a run; name what --out named."
+        )
     config = read_json(path / "config.json")
     if config.get("version") != VERSION:
         raise RunFolderError(
