@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import signal
 import threading
+import time
 import warnings
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from itertools import islice
@@ -34,8 +34,9 @@ _SENT_ONCE = 2**18
 _AHEAD = 3
 """Calls that wait at each worker's thread, so that none is idle."""
 
-_CONNECT_S, _WATCH_S = 10.0, 30.0
-"""Seconds for a scheduler to answer, and between looks whether it has workers."""
+_CONNECT_S, _WATCH_S, _LOOK_S = 10.0, 30.0, 0.05
+"""Seconds for a scheduler to answer, between looks whether it has workers, and which of several
+calls has ended."""
 
 _MOST_WORKERS = 16
 """For each core of this machine: more take its memory, and share its cores all the same."""
@@ -217,6 +218,7 @@ _AllSent = WeakValueDictionary[int, _Sent]
 class _Pending:
     """A call whose result is not there yet, and the large arrays that it takes."""
 
+    call: tuple[Any, ...]
     future: Any
     arrays: list[_Sent]
 
@@ -233,9 +235,13 @@ class Cluster:
         self.client = client
 
     def results(
-        self, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]]
+        self,
+        function: Callable[..., Any],
+        calls: Iterable[tuple[Any, ...]],
+        *,
+        in_order: bool = True,
     ) -> Iterator[Any]:
-        """What a function returns for each tuple of arguments, in their order.
+        """What a function returns for each tuple of arguments, in their order or as it is ready.
 
         The first calls are sent at once. A worker that ends is replaced by another, which computes
         the same. Large arrays are sent once, and again where they are lost, and released with the
@@ -250,48 +256,56 @@ class Cluster:
             n_threads = max(1, sum(self.client.nthreads().values()))
         sent: _AllSent = WeakValueDictionary()
         left = iter(calls)
-        pending = deque(
-            self._submit(function, call, sent) for call in islice(left, _AHEAD * n_threads)
-        )
-        return self._in_order(function, left, pending, sent)
 
-    def _in_order(
+        def submitted(n: int) -> list[_Pending]:
+            return [self._submit(function, call, sent) for call in islice(left, n)]
+
+        return self._as_ready(submitted, submitted(_AHEAD * n_threads), in_order)
+
+    def _as_ready(
         self,
-        function: Callable[..., Any],
-        left: Iterator[tuple[Any, ...]],
-        pending: deque[_Pending],
-        sent: _AllSent,
+        submitted: Callable[[int], list[_Pending]],
+        pending: list[_Pending],
+        in_order: bool,
     ) -> Iterator[Any]:
         try:
             while pending:
-                result = self._awaited(pending[0].future)
-                pending.extend(self._submit(function, call, sent) for call in islice(left, 1))
-                pending.popleft()
+                ready = self._first_ready(pending[:1] if in_order else pending)
+                result = self._result(ready)
+                pending += submitted(1)
+                pending.remove(ready)
+                del ready  # with its arrays
                 yield result
         finally:
             with suppress(Exception):
                 self.client.cancel([call.future for call in pending])
 
-    def _awaited(self, future: Any) -> Any:
-        """The result of a call; it is said where no worker is left to make it."""
-        is_said = False
+    def _first_ready(self, pending: Sequence[_Pending]) -> _Pending:
+        """The first of some calls that ends; it is said where no worker is left to make them."""
+        is_said, watch = False, time.monotonic() + _WATCH_S
         with _loss_reported():
-            while not future.done():
-                try:
-                    future.exception(timeout=_WATCH_S)
-                except TimeoutError:
-                    if not (is_said or future.done() or self.client.nthreads()):
-                        is_said = True
-                        warnings.warn(
-                            "The scheduler has no workers left, and is waited for until it has one "
-                            "(dask worker); Ctrl-C ends that, and a run goes on with --resume.",
-                            ServoscopeWarning,
-                            stacklevel=2,
-                        )
-            if future.status != "error":
-                return future.result()
-            error = future.exception().with_traceback(future.traceback())
-        raise _own_or_reported(error)
+            while not (ended := [call for call in pending if call.future.done()]):
+                with suppress(TimeoutError):
+                    pending[0].future.exception(_WATCH_S if len(pending) == 1 else _LOOK_S)
+                if time.monotonic() < watch or is_said:
+                    continue
+                watch += _WATCH_S
+                if not (pending[0].future.done() or self.client.nthreads()):
+                    is_said = True
+                    warnings.warn(
+                        "The scheduler has no workers left, and is waited for until it has one "
+                        "(dask worker); Ctrl-C ends that, and a run goes on with --resume.",
+                        ServoscopeWarning,
+                        stacklevel=2,
+                    )
+        return ended[0]
+
+    def _result(self, ready: _Pending) -> Any:
+        with _loss_reported():
+            if ready.future.status != "error":
+                return ready.future.result()
+            error = ready.future.exception().with_traceback(ready.future.traceback())
+        raise _own_or_reported(error, ready.call)
 
     def _submit(
         self, function: Callable[..., Any], call: tuple[Any, ...], sent: _AllSent
@@ -300,7 +314,7 @@ class Cluster:
         with _loss_reported():
             arguments = self._sent(call, sent, arrays)
             future = self.client.submit(_run, __version__, function, arguments, pure=False)
-        return _Pending(future, arrays)
+        return _Pending(call, future, arrays)
 
     def _sent(self, argument: Any, sent: _AllSent, arrays: list[_Sent]) -> Any:
         """An argument, or what stands for a large array, at any depth of tuples."""
@@ -330,14 +344,15 @@ def _loss_reported() -> Iterator[None]:
         ) from error
 
 
-def _own_or_reported(error: BaseException) -> BaseException:
+def _own_or_reported(error: BaseException, call: tuple[Any, ...]) -> BaseException:
     """The error that a call ended with: its own as it is, those of dask in a sentence."""
     from distributed import KilledWorker
 
     if isinstance(error, KilledWorker):
         reported: ProcessesError = ProcessKilledError(
             "Worker after worker ended in one call, most likely because memory ran out; give "
-            "each more memory, or repeat with fewer, a run with --resume."
+            "each more memory, or repeat with fewer, a run with --resume.",
+            call,
         )
     elif isinstance(error, RuntimeError) and "deserialization of the task graph" in str(error):
         reported = ProcessesError(

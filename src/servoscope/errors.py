@@ -4,6 +4,8 @@ Every one of them derives from `ServoscopeError`. A message is one line that say
 what came, and what to do.
 """
 
+from typing import Any
+
 
 class ServoscopeError(Exception):
     """Base class of every error that servoscope raises on purpose."""
@@ -30,7 +32,13 @@ class ProcessesError(ServoscopeError):
 
 
 class ProcessKilledError(ProcessesError):
-    """A process, or worker after worker of a cluster, was killed in a call."""
+    """A process, or worker after worker of a cluster, was killed in a call: in ``call``, if that is
+    known.
+    """
+
+    def __init__(self, message: str, call: tuple[Any, ...] = ()) -> None:
+        super().__init__(message)
+        self.call = call
 
 
 class RunFolderError(ServoscopeError, ValueError):

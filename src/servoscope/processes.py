@@ -71,9 +71,11 @@ def in_processes(
     function: Callable[..., Any],
     calls: Iterable[tuple[Any, ...]],
     n_jobs: int | None = -1,
+    *,
+    in_order: bool = True,
     **options: Any,
 ) -> Iterator[Any]:
-    """What `function` returns for each tuple of arguments, in their order, as they are ready.
+    """What `function` returns for each tuple of arguments, in their order or as it is ready.
 
     The processes have one BLAS thread each, leave Ctrl-C to this one, and end when it does, however
     it ends. Where no process can be started, this one does all. Within
@@ -94,7 +96,7 @@ def in_processes(
     [(3, 1), (2, 1)]
     """
     if n_jobs not in (None, 1) and (cluster := current()) is not None:
-        return cluster.results(function, calls)
+        return cluster.results(function, calls, in_order=in_order)
     n_processes = _n_processes(n_jobs)
     if n_processes == 1:
         return (function(*call) for call in calls)
@@ -108,7 +110,8 @@ def in_processes(
             initargs=(os.getpid(),),
         ),
     ):
-        options |= {"return_as": "generator", "temp_folder": _start_processes(n_processes, options)}
+        options |= {"return_as": "generator" if in_order else "generator_unordered"}
+        options |= {"temp_folder": _start_processes(n_processes, options)}
         parallel = _Parallel(**options)
         _parallels.add(parallel)
         results = parallel(joblib.delayed(function)(*call) for call in calls)

@@ -2,7 +2,13 @@
 
 import os
 import signal
+import time
+from contextlib import nullcontext
+from operator import itemgetter
 
+import pytest
+
+from servoscope.cluster import on_cluster
 from servoscope.commands.jobs import Failed, outcomes
 
 
@@ -18,7 +24,8 @@ def job(name, tries):
 
 def test_a_job_that_fails_or_kills_its_process_has_its_reason_and_all_others_go_on(tmp_path):
     tries = tmp_path / "tries"
-    large, odd, last = list(outcomes(job, [(name, tries) for name in ("large", "odd", "b")], 2))
+    made = outcomes(job, [(name, tries) for name in ("large", "odd", "b")], 2)
+    large, odd, last = (outcome for _, outcome in sorted(made, key=itemgetter(0)))
     assert last == "b"
     assert isinstance(odd, Failed)
     assert odd.reason == "unexpected ValueError: it is odd; --debug shows where it came from"
@@ -26,3 +33,11 @@ def test_a_job_that_fails_or_kills_its_process_has_its_reason_and_all_others_go_
     assert isinstance(large, Failed)
     assert large.reason.startswith("A process was killed")
     assert tries.read_text().split().count("large") >= 2
+
+
+@pytest.mark.parametrize("n_workers", [None, 2])
+def test_a_long_job_keeps_none_that_is_ready_waiting(n_workers):
+    with nullcontext() if n_workers is None else on_cluster(n_workers=n_workers):
+        numbers = [number for number, _ in outcomes(time.sleep, [(2.0,), *[(0.01,)] * 12], 2)]
+    assert numbers[-1] == 0
+    assert sorted(numbers) == list(range(13))

@@ -28,32 +28,35 @@ class Failed:
 
 def outcomes(
     function: Callable[..., Any], calls: Sequence[tuple[Any, ...]], n_jobs: int
-) -> Iterator[Any]:
-    """What a function returns for each tuple of arguments, or a `Failed`, in their order.
+) -> Iterator[tuple[int, Any]]:
+    """The number of each tuple of arguments, and what a function returns for it, or a `Failed`:
+    those that are ready first come first, so that none is lost while a longer one is waited for.
 
-    Where a process is killed, the call that is waited for is tried once more by itself: if it ends
-    its process again it has failed, and all others go on.
+    Where a process is killed, the call that it was in, or else the first that is left, is tried
+    once more by itself: if it ends its process again it has failed, and all others go on.
     """
-    left = [(function, *call) for call in calls]
+    left = {number: (number, function, *call) for number, call in enumerate(calls)}
+    options: dict[str, Any] = {"in_order": False, "batch_size": 1}
     while left:
         try:
-            for outcome in in_processes(_outcome, left.copy(), n_jobs, batch_size=1):
-                del left[0]
-                yield outcome
-        except ProcessKilledError:
+            for number, outcome in in_processes(_outcome, [*left.values()], n_jobs, **options):
+                del left[number]
+                yield number, outcome
+        except ProcessKilledError as error:
+            number = error.call[0] if error.call else next(iter(left))
             try:
-                (outcome,) = in_processes(_outcome, left[:1], n_jobs, batch_size=1)
-            except ProcessKilledError as error:
-                outcome = Failed.by(error)
-            del left[0]
-            yield outcome
+                ((_, outcome),) = in_processes(_outcome, [left[number]], n_jobs, **options)
+            except ProcessKilledError as again:
+                outcome = Failed.by(again)
+            del left[number]
+            yield number, outcome
 
 
-def _outcome(function: Callable[..., Any], *call: Any) -> Any:
+def _outcome(number: int, function: Callable[..., Any], *call: Any) -> tuple[int, Any]:
     try:
-        return function(*call)
+        return number, function(*call)
     except Exception as error:  # one job is not the end of all
-        return Failed.by(error)
+        return number, Failed.by(error)
 
 
 def check_failed(
@@ -71,6 +74,7 @@ def check_failed(
         It has the reasons.
     """
     if failed:
+        failed = dict(sorted(failed.items()))  # whichever ended first
         first = next(iter(failed))
         raise kind(
             f"{len(failed)} of {what}, such as {first}; mend what {page} says, and repeat the "

@@ -112,8 +112,9 @@ def _cells(
     with progress_bar("cells", n_cells) as advance:
         advance(n_cells - len(left))
         calls = [(cell, n_images, image_size, config) for cell in left]
-        made = zip(left, outcomes(study_cell, calls, n_jobs), strict=True)
-        for n_done, (cell, found) in enumerate(made, n_cells - len(left) + 1):
+        made = outcomes(study_cell, calls, n_jobs)
+        for n_done, (number, found) in enumerate(made, n_cells - len(left) + 1):
+            cell = left[number]
             if isinstance(found, Failed):
                 failed[cell.number] = found
             else:

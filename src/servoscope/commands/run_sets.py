@@ -125,8 +125,9 @@ def _rows(
     failed = {}
     with progress_bar("data sets", len(datasets)) as advance:
         advance(len(datasets) - len(left))
-        made = zip(left, outcomes(assess_one, [(order, one) for one in left], n_jobs), strict=True)
-        for n_done, (dataset, found) in enumerate(made, len(datasets) - len(left) + 1):
+        made = outcomes(assess_one, [(order, one) for one in left], n_jobs)
+        for n_done, (number, found) in enumerate(made, len(datasets) - len(left) + 1):
+            dataset = left[number]
             name, place = names[dataset], places[dataset]
             if isinstance(found, Failed):
                 failed[name] = found
