@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from servoscope.assessment.verdict import arrives
 from servoscope.poses import DISPLAY_UNITS, DOF_LABELS
@@ -149,6 +149,7 @@ def plot_learning_curves(rows: Rows, *, ax: Axes | None = None) -> Axes:
     ax.set(xscale="log", yscale="log")
     dress(ax, is_log=True, xlabel="images to learn from", ylabel="RMS error [of that of the mean]")
     ax.minorticks_off()
+    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     counts = sorted({n for dof in moving(rows) for n in rows[dof]["learning_curve"]["n_images"]})
     ax.set_xticks(counts, [f"{n}" for n in counts])
     ax.legend(**LEGEND)
@@ -194,6 +195,7 @@ def plot_validation(families: Mapping[str, Any], rows: Rows, *, ax: Axes | None 
         xlabel="forecast [of the mean's error]",
         ylabel="reached [of the mean's error]",
     )
+    ax.xaxis.set_major_formatter("{x:g}")
     ax.legend(**LEGEND)
     return ax
 
