@@ -1,12 +1,14 @@
 """Budgets, grades, conclusions and advice."""
 
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from servoscope.assessment.advice import Findings, advise
+from servoscope.assessment.result import _warnings
 from servoscope.assessment.verdict import (
     REPEATING,
     UNPREDICTED,
@@ -184,6 +186,20 @@ def test_beside_a_keyframe_it_is_said_which_advice_is_for_features():
         "position by a keyframe: the loop ends at 0.02 mm",
         "from features, twice the images bring 0.7 mm, five times 0.4 mm",
     ]
+
+
+@pytest.mark.parametrize(
+    ("kind", "loop", "is_said"),
+    [("sequence", {}, True), ("sequence", None, False), ("independent", {}, False)],
+)
+def test_of_a_sequence_it_is_said_what_the_end_of_the_loop_leaves_out(kind, loop, is_said):
+    found = SimpleNamespace(
+        sample=SimpleNamespace(n_rendered=0),
+        independence=SimpleNamespace(kind=kind),
+        view=SimpleNamespace(loop=loop),
+        images=SimpleNamespace(repetition=SimpleNamespace(repeats=False), n_copies=0),
+    )
+    assert is_said == any("noise of the pixels alone" in line for line in _warnings(found))
 
 
 def test_of_what_no_feature_predicts_another_view_is_advised():

@@ -106,6 +106,11 @@ def _warnings(found: Assessment) -> Iterator[str]:
             "These images come in a sequence: whole blocks of it are kept for testing, since "
             "neighbouring images would flatter every number."
         )
+        if found.view is not None and found.view.loop is not None:
+            yield (
+                "Where the loop ends is what the noise of the pixels alone would leave. Poses and "
+                "frames of a sequence are often off by more; one look has these errors in it."
+            )
     if found.independence.kind == "revisited":
         yield (
             "These images were taken at few places, or come from a sequence in no order: whole "
