@@ -24,7 +24,7 @@ def benchmark_positioning(
 
     On two simulated scenes and under many conditions: servoscope, the paper's networks alone, and
     photometric servoing that is given the camera's calibration and all depths. Takes about half an
-    hour on two cores, or three minutes with --quick.
+    hour on two cores, or two and a half minutes with --quick.
 
     Example: servoscope benchmark positioning --quick --seed 7
 
