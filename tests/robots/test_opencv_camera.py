@@ -3,6 +3,7 @@
 import threading
 import time
 import warnings
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -24,6 +25,7 @@ class Capture:
     world = 50
     backend = "V4L2"
     has_automatics = True
+    opened: ClassVar[list] = []
     stale_exposure = False
     is_dead = False
 
@@ -34,6 +36,7 @@ class Capture:
         self.values |= {cv2.CAP_PROP_FRAME_WIDTH: 640.0, cv2.CAP_PROP_FRAME_HEIGHT: 480.0}
         self._buffered, self._changed = [], threading.Condition()
         self._level = None
+        self.opened.append(self)
         threading.Thread(target=self._expose, daemon=True).start()
 
     def _expose(self):
@@ -85,9 +88,11 @@ class Capture:
 
 @pytest.fixture
 def capture(monkeypatch):
-    kind = type("OneCapture", (Capture,), {})
+    kind = type("OneCapture", (Capture,), {"opened": []})
     monkeypatch.setattr(cv2, "VideoCapture", kind)
-    return kind
+    yield kind
+    for one in kind.opened:  # a camera that was refused is released when nobody holds it any more
+        one.release()
 
 
 def test_an_image_is_taken_after_the_call(capture):

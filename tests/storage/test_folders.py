@@ -5,6 +5,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -219,7 +220,7 @@ def test_what_cannot_be_completed_is_said_in_a_line(folder, monkeypatch):
 
 
 def test_a_failed_block_waits_for_nobody_that_is_gone(folder, monkeypatch):
-    monkeypatch.setattr("servoscope.storage.folders.time.sleep", pytest.fail)
+    monkeypatch.setattr("servoscope.storage.folders.time", SimpleNamespace(sleep=pytest.fail))
     with pytest.raises(ValueError, match="wrong"):
         fail(folder, ValueError("wrong"))
 
