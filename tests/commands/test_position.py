@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from servoscope.cli import main
-from servoscope.commands.cells import Cell
+from servoscope.commands.cells import Cell, CellOptions
 from servoscope.data.images import PoseImageSet
 from servoscope.poses import (
     DISPLAY_FACTORS,
@@ -19,9 +19,12 @@ from servoscope.poses import (
     rigid_transform,
 )
 from servoscope.positioning import LoopSettings, PositioningModel
+from servoscope.robots.free_camera import FreeCamera
+from servoscope.robots.registry import ROBOTS
+from servoscope.scene.scene import T_WORLD_REF
 from servoscope.storage.model_folder import read_model
 from servoscope.wording import plain_number
-from small_keyframe import quick_fits
+from small_keyframe import quick_fits, small_model
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +116,25 @@ def test_true_displacements_are_of_the_frame_that_the_robot_reports(rng):
     np.testing.assert_allclose(
         carried.true_displacement(), np.linalg.inv(T_ref @ mount) @ T_now @ mount, atol=1e-12
     )
+
+
+class Hook(FreeCamera):
+    """Carries its camera 3 cm aside of the frame that it reports, and turned."""
+
+    MOUNT = rigid_transform(Rotation.from_euler("z", 0.4).as_matrix(), [0.03, 0.0, 0.05])
+
+    @property
+    def pose(self):
+        return super().pose @ inverse_transform(self.MOUNT)
+
+
+def test_the_truth_of_any_simulated_robot_is_of_the_frame_that_it_reports(monkeypatch):
+    monkeypatch.setitem(ROBOTS.built_in, "hook", Hook)
+    source = {"part": "textured_plane", "variant": 0, "robot": "hook"}
+    model = replace(small_model(guesses=False), trained_on=source)
+    with CellOptions(start="3").opened(model, LoopSettings()) as cell:
+        expected = Hook.MOUNT @ inverse_transform(T_WORLD_REF) @ cell.robot.pose
+        np.testing.assert_allclose(cell.true_displacement(), expected, atol=1e-3)
 
 
 def test_what_does_not_converge_fails_with_its_status(cell, capsys) -> None:

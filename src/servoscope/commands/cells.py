@@ -111,7 +111,7 @@ class CellOptions:
             yield Cell(recorded, recorded, settings, T_ref)
         else:
             cell = self._simulated(model)
-            yield Cell(cell, cell, settings, T_WORLD_REF, _mount(model.trained_on["robot"]))
+            yield Cell(cell, cell, settings, T_WORLD_REF, _mount_of_training(model))
 
     def number(self, wanted: str = "a number from 0") -> int:
         """The whole number that ``--start`` is, 0 by default; `wanted` says what it is of."""
@@ -206,13 +206,14 @@ class Cell(NamedTuple):
         return T_cam if mount is None else mount @ T_cam @ inverse_transform(mount)
 
 
-def _mount(robot: str) -> Any:
-    """Where the camera is in the frame that a simulated robot reports; None if it is that one."""
-    if robot == "free":
-        return None
-    from servoscope.robots.arm import MOUNT
+def _mount_of_training(model: PositioningModel) -> Any:
+    """Where the camera is in the frame that the simulated robot of training reports."""
+    from servoscope.robots.registry import make_robot
+    from servoscope.scoreboard.cell import mount_of, scene_of_training
 
-    return MOUNT
+    source = model.trained_on
+    scene = scene_of_training(source["part"], model.image_shape[0], source["variant"])
+    return mount_of(make_robot(source["robot"], scene))
 
 
 @dataclass(frozen=True)

@@ -236,8 +236,7 @@ def robot_in_cell(
     seen = changes.change(trained, start + 1000 * seed)
     dofs, T_reported_cam = dofs or changes.dofs, None
     if dofs != DOFS:
-        reference = make_robot(robot, trained)
-        T_reported_cam = inverse_transform(reference.pose) @ reference.true_pose
+        T_reported_cam = mount_of(make_robot(robot, trained))
     T_world_cam = start_pose(seed, start, changes.factor, dofs, pivot, T_reported_cam)
     rng = trial_rng(seed, condition, start)
     made = make_robot(robot, seen, changes.repeatability, rng, T_world_cam)
@@ -248,3 +247,8 @@ def robot_in_cell(
 def robot_at_reference(scene: str, robot: str, image_size: int) -> SimulatedRobot:
     """An exact robot with its camera at the reference, over the part of training."""
     return make_robot(robot, scene_of_training(scene, image_size))
+
+
+def mount_of(reference: SimulatedRobot) -> Array:
+    """Where the camera is in the frame that a robot without errors reports, (4, 4), [m]."""
+    return inverse_transform(reference.pose) @ reference.true_pose

@@ -22,7 +22,7 @@ from servoscope.positioning.photometric import PhotometricEstimate, PhotometricS
 from servoscope.positioning.training import train
 from servoscope.robots.free_camera import Repeatability
 from servoscope.scene.render import render_depth
-from servoscope.scoreboard.cell import robot_at_reference
+from servoscope.scoreboard.cell import mount_of, robot_at_reference
 
 Array = NDArray[np.float64]
 
@@ -90,7 +90,7 @@ def make_photometric(
         1e-3 * acquired.pivot_mm,
         distortion=seen.lens.distortion,
     )
-    T_reported_cam = inverse_transform(robot.pose) @ robot.true_pose
+    T_reported_cam = mount_of(robot)
     if np.allclose(T_reported_cam, np.eye(4)):
         return servoing
     return Mounted(servoing, T_reported_cam, data.pivot)
