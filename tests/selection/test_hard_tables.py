@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import servoscope as sv
 from servoscope.errors import InvalidInputError
@@ -62,26 +60,26 @@ def test_learning_curves_follow_the_unit_of_the_target():
     np.testing.assert_allclose(found.rms_at(200).rms / 1e200, plain.rms_at(200).rms, rtol=0.02)
 
 
-@settings(max_examples=4)
-@given(
-    st.sampled_from([2, 5]),
-    st.sampled_from([0.0, 1e-4, 1e-3]),
-    st.sampled_from([0.02, 0.3]),
-    st.integers(0, 99),
-)
-def test_repeated_shots_make_no_forecast_better_than_new_poses_are(n_shots, jitter, noise, seed):
-    """The noise is of the pose: all of its shots share it, and only other poses show it."""
-    X, y = samples(40, seed, noise)
-    one = forecast_errors(X, y)
-    rng = np.random.default_rng(seed)
-    often = np.repeat(X, n_shots, axis=0)
-    often += jitter * rng.normal(size=often.shape)
-    many = forecast_errors(often, np.repeat(y, n_shots))
-    assert many.rms == pytest.approx(one.rms, rel=0.1)
-    assert many.baseline == pytest.approx(one.baseline, rel=0.05)
-    assert np.log(many.interval[1] / many.interval[0]) == pytest.approx(
-        np.log(one.interval[1] / one.interval[0]), rel=0.25
-    )
+@pytest.mark.parametrize("n_shots", [2, 5])
+@pytest.mark.parametrize("jitter", [0.0, 1e-4, 1e-3])
+@pytest.mark.parametrize("noise", [0.02, 0.3])
+def test_repeated_shots_make_no_forecast_better_than_new_poses_are(n_shots, jitter, noise):
+    """The noise is of the pose: all of its shots share it, and only other poses show it.
+
+    Of so few poses the likelihood may have two maxima, and any jitter may move a forecast
+    from one to the other: the mean of several is compared.
+    """
+    ratios = []
+    for seed in range(5):
+        X, y = samples(40, seed, noise)
+        one = forecast_errors(X, y)
+        often = np.repeat(X, n_shots, axis=0)
+        often += jitter * np.random.default_rng(seed).normal(size=often.shape)
+        many = forecast_errors(often, np.repeat(y, n_shots))
+        widths = [np.log(found.interval[1] / found.interval[0]) for found in (many, one)]
+        ratios.append([many.rms / one.rms, many.baseline / one.baseline, widths[0] / widths[1]])
+    ratios = np.ravel(np.exp(np.mean(np.log(ratios), axis=0)))
+    assert np.all(np.abs(ratios - 1) < [0.05, 0.05, 0.1]), ratios
 
 
 def test_a_forecast_is_of_single_shots():
