@@ -291,5 +291,18 @@ def pose_error(T_a: ArrayLike, T_b: ArrayLike) -> tuple[Array, Array]:
     """
     T_a, T_b = np.asarray(T_a, dtype=float), np.asarray(T_b, dtype=float)
     distance = np.linalg.norm(T_a[..., :3, 3] - T_b[..., :3, 3], axis=-1)
-    R = np.swapaxes(T_a[..., :3, :3], -1, -2) @ T_b[..., :3, :3]
-    return distance, Rotation.from_matrix(R).magnitude()
+    return distance, rotation_angle(np.swapaxes(T_a[..., :3, :3], -1, -2) @ T_b[..., :3, :3])
+
+
+def rotation_angle(R: ArrayLike) -> Array:
+    """By how much rotations of shape (..., 3, 3) turn, [rad].
+
+    Examples
+    --------
+    >>> float(rotation_angle([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])) == np.pi / 2
+    True
+    """
+    R = np.asarray(R, dtype=float)
+    axis = R[..., [2, 0, 1], [1, 2, 0]] - R[..., [1, 2, 0], [2, 0, 1]]  # twice its sine long
+    cosine = R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2] - 1  # twice
+    return np.arctan2(np.sqrt(np.sum(axis * axis, axis=-1)), cosine)

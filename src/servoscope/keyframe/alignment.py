@@ -14,9 +14,9 @@ from servoscope.dofs import mask_of
 from servoscope.keyframe.camera import CameraModel
 from servoscope.keyframe.levels import CUT, FAR, N_BLOCKS, PRIOR, Guess, Level, View, evened
 from servoscope.keyframe.lighting import Light
-from servoscope.keyframe.motion import Freedom, conjugate, exponential, logarithm, rotation_angle
+from servoscope.keyframe.motion import Freedom, conjugate, exponential, logarithm
 from servoscope.keyframe.robust import curvature_ratio
-from servoscope.poses import inverse_transform
+from servoscope.poses import inverse_transform, rotation_angle
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -206,7 +206,8 @@ class Aligner:
 
     def view_shift(self, T: Array) -> float:
         """How far a motion of the camera moves what is seen, roughly, [rad]."""
-        return float(np.linalg.norm(T[:3, 3])) * self.typical_depth + rotation_angle(T)
+        shift = np.linalg.norm(T[:3, 3]) * self.typical_depth
+        return float(shift + rotation_angle(T[:3, :3]))
 
     def _covariance(self, level: Level, image: Array, guess: Guess, displacement: Array) -> Array:
         """Covariance of the displacement about the pivot.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import asin, atan2, cos, hypot, sin
+from math import asin, atan2, cos, sin
 from typing import Any
 
 import numpy as np
@@ -83,12 +83,6 @@ def adjoint(T: ArrayLike) -> Array:
 def conjugate(X: ArrayLike, D: ArrayLike) -> Array:
     """``inv(X) @ D @ X``: a displacement in the frame that X maps to the frame of D."""
     return inverse_transform(X) @ np.asarray(D, dtype=float) @ np.asarray(X, dtype=float)
-
-
-def rotation_angle(R: Array) -> float:
-    """By how much a rotation turns, [rad]."""
-    axis = (R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1])
-    return atan2(hypot(*axis), R[0, 0] + R[1, 1] + R[2, 2] - 1)
 
 
 def _angles(R: Array) -> tuple[float, float, float]:

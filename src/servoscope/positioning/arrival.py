@@ -21,6 +21,9 @@ from servoscope.positioning.result import Step
 from servoscope.positioning.settings import LEAST_BOX, NEAR_ENOUGH, LoopSettings
 
 _EQUAL_CELLS, _EQUAL_SHIFT, _EQUAL_SIGNIFICANCE = 0.9, 2e-3, 2.0
+STEADY_SHIFT = _EQUAL_SHIFT / 4
+"""An image that is displaced by no more, as a share of its width, may be of the same view."""
+
 _EQUAL_DIFFERENCE, _EQUAL_STRUCTURE = 0.2, 1.5
 _OTHERWISE, _OTHER_LIGHT = 2.5, 4.0
 _FLOOR_LOOKS = 4
@@ -257,7 +260,7 @@ def is_displaced(comparison: Comparison | None) -> bool:
     """Whether an image is displaced from another for certain, by a noticeable part of a pixel."""
     if comparison is None:
         return False
-    return comparison.shift > _EQUAL_SHIFT / 4 and comparison.significance > 2 * _EQUAL_SIGNIFICANCE
+    return comparison.shift > STEADY_SHIFT and comparison.significance > 2 * _EQUAL_SIGNIFICANCE
 
 
 def unread(estimate: Estimate, reach: Array) -> list[str]:

@@ -73,7 +73,9 @@ def exposure_fault(image: NDArray[np.uint8], reference: NDArray[np.uint8]) -> st
         (0, "black", "check the lens cap, the lights and the exposure"),
         (255, "saturated", "check the exposure and the lights"),
     ):
-        share, at_reference = ((pixels == level).mean() for pixels in (image, reference))
+        share, at_reference = (
+            np.count_nonzero(pixels == level) / pixels.size for pixels in (image, reference)
+        )
         if share > (1 + at_reference) / 2:
             return (
                 f"The image is {what}: {100 * share:.0f} % of it, {100 * at_reference:.0f} % of "

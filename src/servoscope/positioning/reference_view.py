@@ -118,25 +118,39 @@ class ReferenceView:
         share = np.mean(_unclipped(image)[unclipped]) if unclipped.any() else 0.0
         return float(share)
 
+    def shift(self, image: NDArray[np.uint8]) -> float:
+        """`Comparison.shift` of an image of the same shape, in a third of the time."""
+        return self._shift(*self._matched(image))
+
     def compare(self, image: NDArray[np.uint8]) -> Comparison:
         """How an image of the same shape compares."""
-        both = (_unclipped(image) & self._unclipped).astype(np.uint8)
-        weights = (shrink(both, SIZE) > 1 - 1e-3).astype(np.float32)
-        seen, usable = _prepared(image), self.usable(image)
-        cells = self._grid.match(seen, self._seen, weights)
-        matched = cells.textured & (cells.correlation >= MATCH)
+        usable = self.usable(image)
+        seen, weights, cells = self._matched(image)
+        matched = cells.matched
         share = float(matched.sum() / max(cells.textured.sum(), 1))
         difference = float(np.sqrt(np.mean((seen - self._seen) ** 2)) / self._seen.std())
         if not matched.any():
             return Comparison(usable, share, np.inf, np.inf, difference, np.inf)
-        shift = float(np.median(cells.displacements(self._seen, weights)[matched]))
         significance = np.inf
         where = weights * self._grid.spread(matched.astype(float))
         if share > _MOSTLY:
             significance = cells.significance(self._flows, where)
         structure = _structure(seen, self._seen, where)
-        shift /= max(self._seen.shape)
+        shift = self._shift(seen, weights, cells)
         return Comparison(usable, share, shift, significance, difference, structure)
+
+    def _matched(self, image: NDArray[np.uint8]) -> tuple[Floats, Floats, _Matched]:
+        """An image as it is compared, where it counts, and its cells."""
+        both = (_unclipped(image) & self._unclipped).astype(np.uint8)
+        weights = (shrink(both, SIZE) > 1 - 1e-3).astype(np.float32)
+        seen = _prepared(image)
+        return seen, weights, self._grid.match(seen, self._seen, weights)
+
+    def _shift(self, seen: Floats, weights: Floats, cells: _Matched) -> float:
+        if not cells.matched.any():
+            return np.inf
+        displaced = cells.displacements(self._seen, weights)[cells.matched]
+        return float(np.median(displaced)) / max(seen.shape)
 
 
 def _structure(image: Floats, expected: Floats, where: Array) -> float:
@@ -211,6 +225,11 @@ class _Matched(NamedTuple):
     correlation: Array
     textured: NDArray[np.bool_]
     left: Array
+
+    @property
+    def matched(self) -> NDArray[np.bool_]:
+        """Cells that show what is expected, as far as anything is."""
+        return self.textured & (self.correlation >= MATCH)
 
     def displacements(self, expected: Floats, weights: Floats) -> Array:
         """How far each cell is displaced, [px]."""

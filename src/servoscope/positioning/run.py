@@ -188,9 +188,10 @@ class Run:
             image = self.camera.read()
             if reason := guard.exposure_fault(image, self.estimator.reference_image):
                 return RunEnded("camera_fault", reason)
-            compared = first.compare(image)
-            if arrival.is_displaced(compared):
-                return self._unsteady(compared)
+            if first.shift(image) > arrival.STEADY_SHIFT:
+                compared = first.compare(image)
+                if arrival.is_displaced(compared):
+                    return self._unsteady(compared)
             images.append(image)
         return self._averaged(images) if is_averaged else decision
 
