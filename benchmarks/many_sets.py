@@ -82,9 +82,9 @@ def of_one_set(n: int) -> tuple[float, float]:
     with tempfile.TemporaryDirectory() as place:
         source, data = Path(place, "images"), Path(place, "data")
         write_folder(source, n)
-        imported = run("import", "folder", source, data, "--reference", "000000.png")[0]
+        imported = run("import", "folder", source, data, "--reference", "000000.png").seconds
         out = ["--out", Path(place, "run"), "--jobs", 1, "--families", FAMILIES]
-        return imported, run("assess", data, *out)[0]
+        return imported, run("assess", data, *out).seconds
 
 
 def model(measured: dict[int, tuple[float, float]]) -> list[tuple[str, ...]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 import io
 import logging
 import os
@@ -53,6 +55,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     is_whole_process = arguments is None
     if is_whole_process:
+        gc.set_threshold(700, 10, 100)  # imports provoke collections, a third of their time
+        atexit.register(gc.freeze)  # as one at the end would, of what ends anyway
         prepare_streams()
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # as tidy as Ctrl-C
         sys.warnoptions.append("ignore:resource_tracker:UserWarning")  # of a process that clears up
@@ -68,6 +72,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         _run(arguments or ["--help"], cluster)
         sys.stdout.flush()
+        if is_whole_process:  # they have nothing to do, but take a second to leave
+            _stop_processes()
     except KeyboardInterrupt:
         return _end(is_whole_process)
     except BrokenPipeError:
@@ -85,14 +91,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _end(is_whole_process: bool) -> int:
     """Stop what still runs, say so, and return the code of the end; nothing disturbs that."""
     before = {number: signal.signal(number, signal.SIG_IGN) for number in _ENDS}
-    processes = sys.modules.get("servoscope.processes")
-    if processes is not None:  # an import that was interrupted cannot always be repeated
-        processes.stop_processes()
+    _stop_processes()
     code = _fail("interrupted; what is finished is kept", 130)
     if not is_whole_process:
         for number, handler in before.items():
             signal.signal(number, handler)
     return code
+
+
+def _stop_processes() -> None:
+    """Stop processes that share work, if any may have been started.
+
+    Nothing is imported for it: an import that was interrupted cannot always be repeated.
+    """
+    if (processes := sys.modules.get("servoscope.processes")) is not None:
+        processes.stop_processes()
 
 
 def _cluster_options(arguments: list[str]) -> tuple[dict[str, str], list[str]]:

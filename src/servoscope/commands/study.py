@@ -45,17 +45,17 @@ def study(
     from servoscope.acquisition import AcquisitionConfig, acquire
     from servoscope.commands.options import n_jobs, protocols
     from servoscope.commands.output import progress_bar
-    from servoscope.commands.run_cells import study_cells
-    from servoscope.commands.run_study import finish_run, print_run
     from servoscope.data.images import PoseImageSet
     from servoscope.storage.run_folder import RunFolder, owned_run_folder
-    from servoscope.study.cells import IMAGE_SIZE, lighter
     from servoscope.study.paper import StudyConfig, check_n_images
 
     processes = n_jobs(jobs)
     config = StudyConfig(seed=seed, protocols=protocols(protocol))
     check_n_images(n_images, config.protocols)
     if cells is not None:
+        from servoscope.commands.run_cells import study_cells
+        from servoscope.study.cells import IMAGE_SIZE, lighter
+
         size = IMAGE_SIZE if image_size is None else image_size
         AcquisitionConfig(n_images=n_images, image_size=size, seed=seed)  # refused before a folder
         options = {"resume": resume, "force": force, "json": json}
@@ -72,6 +72,8 @@ def study(
     made = ["dataset/meta.json", "dataset/images.zarr"]
     with owned_run_folder(out, settings, resume=resume, force=force) as run:
         run.run_stage("acquire", settings["acquisition"], partial(take_images, run), made)
+        from servoscope.commands.run_study import finish_run, print_run  # not waited for before
+
         data = PoseImageSet.load(run.path / "dataset")
         summary = finish_run(run, data, config, processes)
     print_run(summary, out, json=json)
