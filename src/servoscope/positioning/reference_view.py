@@ -105,7 +105,8 @@ class ReferenceView:
         self._thumbnail = reference_thumbnail(image)
         self._unclipped = _unclipped(image)
         self._seen = _prepared(image)
-        self._flows = _flows(self._seen)
+        self._slopes = _slopes(self._seen)
+        self._flows = _flows(*self._slopes)
         self._grid = CellGrid(self._seen.shape)
 
     def error(self, image: NDArray[np.uint8]) -> float:
@@ -149,7 +150,7 @@ class ReferenceView:
     def _shift(self, seen: Floats, weights: Floats, cells: _Matched) -> float:
         if not cells.matched.any():
             return np.inf
-        displaced = cells.displacements(self._seen, weights)[cells.matched]
+        displaced = cells.displacements(self._slopes, weights)[cells.matched]
         return float(np.median(displaced)) / max(seen.shape)
 
 
@@ -208,11 +209,19 @@ class CellGrid:
         a, b = (part - self.spread(self.sum(weights * part) / one) for part in (image, expected))
         aa, bb, ab = (self.sum(weights * x * y) for x, y in ((a, a), (b, b), (a, b)))
         contrast = np.sqrt(bb / one)
-        enough = max(TEXTURED * float(np.quantile(contrast, 0.9)), 1e-6)
+        enough = max(TEXTURED * _quantile(contrast, 0.9), 1e-6)
         textured = (contrast >= enough) & (n >= LEAST_UNCLIPPED * area)
         correlation = ab / np.sqrt(np.maximum(aa * bb, 1e-12))
         left = a * self.spread(np.sqrt(bb / np.maximum(aa, 1e-12))) - b
         return _Matched(self, correlation, textured, left)
+
+
+def _quantile(values: Array, share: float) -> float:
+    """As `numpy.quantile` has it, in a twentieth of the time."""
+    ordered = np.sort(values, axis=None)
+    low, rest = divmod(share * (len(ordered) - 1), 1)
+    a, b = ordered[int(low)], ordered[min(int(low) + 1, len(ordered) - 1)]
+    return float(a + rest * (b - a))
 
 
 class _Matched(NamedTuple):
@@ -231,9 +240,9 @@ class _Matched(NamedTuple):
         """Cells that show what is expected, as far as anything is."""
         return self.textured & (self.correlation >= MATCH)
 
-    def displacements(self, expected: Floats, weights: Floats) -> Array:
-        """How far each cell is displaced, [px]."""
-        gx, gy = _slopes(expected)
+    def displacements(self, slopes: tuple[Floats, Floats], weights: Floats) -> Array:
+        """How far each cell is displaced, [px], by the slopes of what is expected."""
+        gx, gy = slopes
         pairs = ((gx, gx), (gx, gy), (gy, gy), (gx, self.left), (gy, self.left))
         xx, xy, yy, xe, ye = (self.grid.sum(weights * u * v) for u, v in pairs)
         ridge = 0.01 * (xx + yy) + 1e-9
@@ -259,10 +268,10 @@ class _Matched(NamedTuple):
         return explained / (n * 4 * np.pi * _SIGMA**2 * noise)
 
 
-def _flows(expected: Floats) -> Array:
-    """Changes of an image by the eight parameters that a plane's image moves by."""
-    gx, gy = (np.asarray(slope, dtype=float) for slope in _slopes(expected))
-    height, width = expected.shape
+def _flows(slope_x: Floats, slope_y: Floats) -> Array:
+    """Changes of an image of these slopes by the eight parameters that a plane's image moves by."""
+    gx, gy = slope_x.astype(float), slope_y.astype(float)
+    height, width = gx.shape
     x, y = np.linspace(-1, 1, width)[None, :], np.linspace(-1, 1, height)[:, None]
     outward = gx * x + gy * y
     return np.stack([gx, gx * x, gx * y, gy, gy * x, gy * y, outward * x, outward * y])
