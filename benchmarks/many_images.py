@@ -147,12 +147,12 @@ def draw_commands(rows: Sequence[Commands]) -> Figure:
         ax.set_xticks(n, [f"{k:,}".replace(",", "\N{THIN SPACE}") for k in n], minor=False)
         ax.minorticks_off()
     proportional = rows[-1].imported.seconds * n / n[-1]
-    times.plot(n, proportional, ":", color="0.5", label="in proportion to the images")
+    times.plot(n, proportional, ":", color="0.5", label="in proportion")
     times.set(yscale="log", ylabel="processor time [s]")
     memories.axhline(1.0, color="0.5", linestyle=":", label="1 GB")
     memories.set(ylim=(0, None), ylabel="most memory of the process [GB]")
     for ax in (times, memories):
-        ax.legend(frameon=False)
+        ax.legend(loc="lower right", frameon=False)
     return figure
 
 
