@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     is_whole_process = arguments is None
     if is_whole_process:
-        gc.set_threshold(700, 10, 100)  # imports provoke collections, a third of their time
+        gc.set_threshold(700, 10, 100)  # imports provoke collections, a fifth of their time
         atexit.register(gc.freeze)  # as one at the end would, of what ends anyway
         prepare_streams()
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # as tidy as Ctrl-C

@@ -259,7 +259,7 @@ def _prepare_process(owner: int) -> None:
     from joblib.externals.loky import process_executor
 
     process_executor._USE_PSUTIL = False
-    gc.set_threshold(700, 10, 100)  # imports provoke collections, a third of their time
+    gc.set_threshold(700, 10, 100)  # imports provoke collections, a fifth of their time
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_after, args=(owner,), daemon=True).start()
 

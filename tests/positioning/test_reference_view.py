@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from planar import RANGES, planar_images
 from servoscope.positioning import arrival
-from servoscope.positioning.reference_view import ReferenceView, similarity
+from servoscope.positioning.reference_view import ReferenceView, _quantile, similarity
 
 IMAGE = planar_images(np.zeros((1, 6)), 128, seed=0)[0]
 VIEW = ReferenceView(IMAGE)
@@ -37,6 +40,19 @@ def test_the_displacement_of_the_cells_is_about_that_of_the_image() -> None:
         shifted = ((1 - pixels) * IMAGE + pixels * np.roll(IMAGE, 1, axis=1)).round()
         shift = VIEW.compare(shifted.astype(np.uint8)).shift
         assert 0.4 * pixels / 128 < shift < 1.2 * pixels / 128
+
+
+@pytest.mark.parametrize("size", [40, 128, 200])
+def test_the_displacement_by_itself_is_that_of_the_whole_comparison(size: int) -> None:
+    image = planar_images(np.zeros((1, 6)), size, seed=0)[0]
+    view = ReferenceView(image)
+    for other in (_noisy(image, 3.0), np.roll(image, 1, axis=1), np.rot90(image).copy()):
+        assert view.shift(other) == view.compare(other).shift
+
+
+@given(arrays(float, st.tuples(st.integers(1, 8), st.integers(1, 8)), elements=st.floats(0, 255)))
+def test_the_quantile_of_a_contrast_is_that_of_numpy(contrast) -> None:
+    assert _quantile(contrast, 0.9) == pytest.approx(np.quantile(contrast, 0.9), abs=1e-12)
 
 
 def test_gain_and_offset_do_not_matter_to_what_matches_but_to_what_is_equal() -> None:
