@@ -198,7 +198,7 @@ class PoseImageSet:
         return content.hexdigest()[:16]
 
     def subset(self, indices: NDArray[np.integer]) -> PoseImageSet:
-        """The images of some indices, in their order; all else is kept.
+        """The images of some indices, in their order; all else is kept. This set, if these are all.
 
         Examples
         --------
@@ -209,6 +209,8 @@ class PoseImageSet:
         """
         if not len(indices):
             raise DataSetError(f"No image is left of {len(self)}; a data set has one at least.")
+        if np.array_equal(indices, np.arange(len(self))):
+            return self
         return replace(
             self,
             images=some_of(self.images, indices),
