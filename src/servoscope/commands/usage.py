@@ -12,6 +12,7 @@ _RULE = re.compile(r"\s*[─-]{9,}\s*")
 _BORDER = re.compile(r"^│(.*)│$|^ ?[╭╰].*$", re.MULTILINE)
 _UNKNOWN = "Unrecognized options: "
 _FLAG = re.compile(r"--[\w-]+")
+_CHOICES = re.compile(r"(?<=Expected one of )\('[^()]*'\)")
 
 
 def nearest(name: str, names: Iterable[str]) -> str:
@@ -34,11 +35,13 @@ def usage_line(box: str, command: str) -> str:
     >>> box = "│ Unrecognized options: --sed, 3 │\n│ ──────────── │\n│ --seed INT     │"
     >>> usage_line(box, "servoscope study")
     'study has no option --sed. Did you mean --seed? See servoscope study --help.'
+    >>> usage_line("invalid choice 'ft'. Expected one of ('None', 'mm', 'm').", "servoscope aim")
+    "invalid choice 'ft'. Expected one of 'm', 'mm'. See servoscope aim --help."
     """
     said, hints = _sections(box)
     see = f"See {command} --help."
     if not said.startswith(_UNKNOWN):
-        return one_line(f"{said.rstrip('.! ')}. {see}")
+        return one_line(f"{_CHOICES.sub(_in_order, said).rstrip('.! ')}. {see}")
     unknown = said.removeprefix(_UNKNOWN).split(", ")
     options = [text for text in unknown if text.startswith("-")]
     name = command.removeprefix("servoscope ")
@@ -46,6 +49,11 @@ def usage_line(box: str, command: str) -> str:
         return one_line(f"{name} has no place for {unknown[0]!r}. {see}")
     near = nearest(options[0], _FLAG.findall(hints))
     return one_line(f"{name} has no option {options[0]}.{near} {see}")
+
+
+def _in_order(choices: re.Match[str]) -> str:
+    """The choices of an option, of which leaving it out is none."""
+    return ", ".join(sorted(set(re.findall(r"'[^']*'", choices[0])) - {"'None'"}))
 
 
 def _sections(box: str) -> tuple[str, str]:
