@@ -210,12 +210,14 @@ class KernelPosterior:
 
     def mean(self, X: Array) -> Array:
         """The target to expect at samples X, (n,)."""
-        return self.kernel.offset + self.kernel(X, self.X) @ self.weights
+        with one_blas_thread():
+            return np.asarray(self.kernel.offset + self.kernel(X, self.X) @ self.weights)
 
     def deviation(self, X: Array) -> Array:
         """Standard deviation of a target at samples X, (n,)."""
-        covariances = self.kernel(X, self.X)
-        explained = np.einsum("ij,ij->i", covariances @ self.inverse, covariances)
+        with one_blas_thread():
+            covariances = self.kernel(X, self.X)
+            explained = np.einsum("ij,ij->i", covariances @ self.inverse, covariances)
         return np.sqrt(np.maximum(self.kernel.signal**2 - explained, 0) + self.kernel.noise**2)
 
     def residuals_left_out(self) -> Array:
@@ -228,8 +230,10 @@ class KernelPosterior:
     def gradient(self, X: Array) -> Array:
         """Derivatives of `mean` by the features, (n, n_features)."""
         here, there = self.kernel.scaled(X), self.kernel.scaled(self.X)
-        shares = self.kernel(X, self.X) * self.weights
-        return (shares @ there - shares.sum(axis=1)[:, None] * here) / self.kernel.length_scales
+        with one_blas_thread():
+            shares = self.kernel(X, self.X) * self.weights
+            along = shares @ there
+        return (along - shares.sum(axis=1)[:, None] * here) / self.kernel.length_scales
 
 
 PRIOR_WEIGHT, PRIOR_PRECISION = 0.1, 0.02
