@@ -503,6 +503,23 @@ def test_a_second_signal_does_not_cut_stop_short(first: str) -> None:
     assert said == ["moving", "stopping", "stopped", "interrupted"]
 
 
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_an_interruption_that_a_driver_makes_its_own_error_of_is_one(name: str) -> None:
+    cell = Cell(START)
+
+    def move(displacement):
+        try:
+            signal.raise_signal(getattr(signal, name))
+        except KeyboardInterrupt as error:
+            raise RuntimeError("the socket was closed") from error
+
+    cell.move = move
+    ended = run(cell, settings=replace(SHORT, move_timeout_s=None))
+    assert ended.status == "interrupted"
+    by_whom = "the user" if name == "SIGINT" else name
+    assert ended.message.startswith(f"Interrupted by {by_whom}. The robot did not move: the socket")
+
+
 def test_the_first_image_may_take_longer_than_the_others() -> None:
     cell = Cell(START)
     camera = FaultyCamera(cell, lambda c: c.cell.read())

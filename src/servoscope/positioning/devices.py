@@ -56,6 +56,11 @@ class Interruption:
         self._is_held = False
         self._before: dict[int, Any] = {}
 
+    @property
+    def heard(self) -> str | None:
+        """The name of the signal that was heard."""
+        return None if self._heard is None else self._heard.name
+
     def hold(self) -> None:
         """From now on no signal is heard."""
         self._is_held = True

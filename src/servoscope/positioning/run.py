@@ -105,6 +105,9 @@ class Run:
             self._approach(interruption, dry_run)
         except RunEnded as end:
             interruption.hold()
+            if interruption.heard is not None:  # a driver, or a lock, made another error of it
+                by_whom = _by_whom(KeyboardInterrupt(interruption.heard))
+                return "interrupted", f"Interrupted{by_whom}. {end}"
             return end.status, str(end)
         except (SystemExit, GeneratorExit) as end:
             interruption.hold()
