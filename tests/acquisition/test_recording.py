@@ -224,6 +224,21 @@ def test_ctrl_c_names_no_fault_that_was_dealt_with_before(tmp_path) -> None:
     assert "busy" not in str(caught.value)
 
 
+def test_a_robot_stays_after_ctrl_c_that_became_another_error(tmp_path) -> None:
+    def closes(n_done: int) -> None:
+        if n_done == 5:
+            try:
+                signal.raise_signal(signal.SIGINT)
+            except KeyboardInterrupt as error:
+                at.append(robot.n_sent)
+                raise OSError("the pipe is closed") from error
+
+    robot, at = Driver(), []
+    with pytest.raises(AcquisitionStoppedError, match=r"^Interrupted\. It was stopped"):
+        acquire_from(robot, robot, tmp_path / "part", n_images=20, on_progress=closes, **SMALL)
+    assert (robot.n_sent, robot.n_stopped) == (at[0], 1)
+
+
 def test_a_frozen_camera_and_one_that_never_rests_are_refused(tmp_path) -> None:
     class Frozen(Driver):
         def read(self):

@@ -387,11 +387,13 @@ class _Recording:
             begun = self._prepare(confirm)
             self._take_all(begun, interruption)
         except RunEnded as end:
+            interruption.check()  # a driver, or a lock, may have made another error of it
             self._fault = end
             raise AcquisitionStoppedError(
                 f"{_sentence(end)} {self._left(end.status)} {self._standing()}"
             ) from end
         except OSError as error:
+            interruption.check()
             self._fault = error
             raise AcquisitionStoppedError(
                 f"{self._folder} cannot be written ({one_line(error)}); make room. "

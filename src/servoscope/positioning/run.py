@@ -133,7 +133,8 @@ class Run:
                 self.steps[-1] = replace(self.steps[-1], executed=executed)
         except RunEnded as end:
             is_coarse = self.settings.is_coarse and end.status == "limited"
-            if (end.status in _RETURNING or is_coarse) and not dry_run:
+            is_asked_to_end = interruption.heard is not None
+            if (end.status in _RETURNING or is_coarse) and not dry_run and not is_asked_to_end:
                 self._return_to_best()
             raise
 
