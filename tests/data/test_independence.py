@@ -89,6 +89,17 @@ def test_few_places_visited_again_are_seen_in_any_order():
     assert independent_groups(data_at((places + jitter)[order])).kind == "revisited"
 
 
+@pytest.mark.parametrize(("n", "passes"), [(60, 3), (100, 2), (400, 4)])
+@pytest.mark.parametrize("jitter", [0.0, 3e-3])
+def test_many_poses_that_are_visited_twice_are_independent_of_each_other(n, passes, jitter):
+    rng, drawn = np.random.default_rng(0), at_random(n)
+    often = [drawn + jitter * rng.normal(size=drawn.shape) * RANGES for _ in range(passes)]
+    found = independent_groups(data_at(np.concatenate(often)))
+    assert found.kind == "independent"
+    np.testing.assert_array_equal(found.labels, np.tile(found.labels[:n], passes))
+    assert len(np.unique(found.labels)) == n
+
+
 def test_a_shuffled_sequence_is_not_taken_for_independent():
     order = np.random.default_rng(4).permutation(900)
     assert independent_groups(data_at(wandering(900)[order])).kind == "revisited"

@@ -553,12 +553,12 @@ def test_images_that_are_left_on_disk_are_those_in_memory(saved, tmp_path, monke
 def test_no_more_are_kept_of_large_images_than_a_memory_holds():
     images, poses = np.zeros((300, 64, 64), np.uint8), np.tile(np.eye(4), (300, 1, 1))
     data = PoseImageSet(images, poses, np.eye(4), images[0])
-    assert data.thinned(300, "1.3MB") is data
-    with pytest.warns(ServoscopeWarning, match="^Of 300 images 244 are used, as many as 1MB of"):
-        kept = data.thinned(300, "1MB")
+    assert data.thinned(300, "3.7MB") is data
+    with pytest.warns(ServoscopeWarning, match="^Of 300 images 244 are used, as many as 3MB of"):
+        kept = data.thinned(300, "3MB")
     assert kept.images.nbytes <= 1e6 < kept.images.nbytes + 64 * 64
     assert kept.source["thinned_from"] == 300
-    assert len(data.thinned(220, "1MB")) == 220
+    assert len(data.thinned(220, "3MB")) == 220
     larger = PoseImageSet(
         np.zeros((210, 90, 90), np.uint8), poses[:210], np.eye(4), np.zeros((90, 90), np.uint8)
     )

@@ -81,6 +81,8 @@ def test_commands_read_sets_at_addresses(in_memory, folder, tmp_path, capsys):
 
 def test_a_file_address_is_the_folder_and_a_path_stays_one(folder):
     is_same(PoseImageSet.load(folder.as_uri()), PoseImageSet.load(folder))
+    assert place_of("file:///sets/a?b#c") == Path("/sets/a?b#c")
+    assert place_of("file://localhost/sets/a%20b") == Path("/sets/a b")
     assert place_of("C:/sets/a") == Path("C:/sets/a")
     assert absolute("memory://a/b/") == "memory://a/b"
     assert absolute("a") == str(Path("a").resolve())
@@ -176,6 +178,8 @@ def test_a_server_that_lists_no_sizes_is_refused_in_one_line(in_memory, monkeypa
         ("jupyter://127.0.0.1:1/a", "cannot be read .* see that it is the address"),
         ("simplecache::memory://cell/set", "is not followed"),
         ("reference://cell", "is not followed"),
+        ("file://a/b", "another machine"),
+        ("file://a", "another machine"),
     ],
 )
 def test_addresses_that_lead_nowhere_are_refused(address, words):

@@ -1,5 +1,7 @@
 """The study over many cells: what differs between them, shares with intervals, associations."""
 
+import json
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -166,6 +168,28 @@ def test_a_cell_that_fails_is_a_row_and_counts_nowhere_until_it_is_tried_again(
     monkeypatch.setattr(run_cells, "study_cell", found_in)
     assert main([*command, "--resume"]) == 0
     assert read_json(run / "summary.json")["found"] == summarise_cells(whole)
+
+
+@pytest.mark.parametrize("harm", ["", "{", "{}", '{"seconds": 1, "verdicts": {}, "means": {}}'])
+def test_a_damaged_cell_is_made_again_and_json_is_all_that_is_printed(
+    harm, tmp_path, monkeypatch, capsys
+):
+    studied = []
+
+    def noted(cell, *_):
+        studied.append(cell.number)
+        return found_in(cell)
+
+    run = tmp_path / "run"
+    command = ["study", "--cells", "4", "--out", str(run), "--jobs", "1", "--json"]
+    monkeypatch.setattr(run_cells, "study_cell", noted)
+    assert main(command) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found == read_json(run / "summary.json")
+    (run / "cells" / "0002.json").write_text(harm)
+    assert main([*command, "--resume"]) == 0
+    assert studied == [0, 1, 2, 3, 2]
+    assert json.loads(capsys.readouterr().out)["found"] == found["found"]
 
 
 def test_a_run_in_which_every_cell_fails_says_so_on_its_page(tmp_path, monkeypatch, capsys):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import sys
 import time
@@ -24,6 +23,7 @@ from rich.table import Table
 
 from servoscope.commands.streams import print_message
 from servoscope.errors import InvalidInputError
+from servoscope.storage.folders import to_json
 from servoscope.wording import printable
 
 _EVERY_S = 60.0
@@ -50,7 +50,7 @@ def console() -> Console:
 
 def print_json(value: Any) -> None:
     """Print one JSON value."""
-    print(json.dumps(value, indent=1, allow_nan=False).replace("\x7f", "\\u007f"))
+    print(to_json(value).replace("\x7f", "\\u007f"))
 
 
 def print_facts(facts: Mapping[str, Any], *, as_json: bool = False) -> None:

@@ -107,7 +107,8 @@ def _cells(
     folder.mkdir(exist_ok=True)
     cells = make_cells(n_cells, config.seed)
     paths = [folder / f"{cell.number:04d}.json" for cell in cells]
-    left = [cell for cell in cells if not paths[cell.number].exists()]
+    known = [_finished(path) for path in paths]
+    left = [cell for cell in cells if known[cell.number] is None]
     failed = {}
     with progress_bar("cells", n_cells) as advance:
         advance(n_cells - len(left))
@@ -119,11 +120,23 @@ def _cells(
                 failed[cell.number] = found
             else:
                 write_json(paths[cell.number], found)
+                known[cell.number] = read_json(paths[cell.number])
             advance(n_done)
     rows = [
         failed_cell(cell, failed[cell.number].reason)
         if cell.number in failed
-        else {**read_json(paths[cell.number]), "error": None}
+        else {**(known[cell.number] or {}), "error": None}
         for cell in cells
     ]
     return rows, {f"cell {number}": one for number, one in failed.items()}
+
+
+def _finished(path: Path) -> Values | None:
+    """What was found in a cell, if the folder has that whole."""
+    try:
+        found = read_json(path)
+        float(found["seconds"])
+        summarise_cells([{**found, "error": None}])
+    except (RunFolderError, LookupError, TypeError, ValueError, AttributeError):
+        return None
+    return found

@@ -23,6 +23,7 @@ from servoscope.assessment.sets import (
 from servoscope.commands.assessment_order import AssessmentOrder
 from servoscope.commands.jobs import Failed, check_failed, outcomes
 from servoscope.commands.output import console, print_json, progress_bar
+from servoscope.commands.streams import reason_of
 from servoscope.errors import DataSetError, RunFolderError, ServoscopeWarning
 from servoscope.processes import in_processes, no_progress
 from servoscope.storage.addresses import absolute
@@ -118,9 +119,13 @@ def _rows(
     rows = {dataset: _finished(places[dataset], dataset) for dataset in datasets}
     known = [(order, dataset, row["fingerprint"]) for dataset, row in rows.items() if row]
     for (_, dataset, _), is_same in zip(
-        known, in_processes(is_as_it_was, known, n_jobs), strict=True
+        known, in_processes(compare_images, known, n_jobs), strict=True
     ):
         rows[dataset] = rows[dataset] if is_same else None
+        if isinstance(is_same, str):
+            warnings.warn(
+                f"What was found before stays, but now: {is_same}", ServoscopeWarning, stacklevel=2
+            )
     left = [dataset for dataset in datasets if rows[dataset] is None]
     failed = {}
     with progress_bar("data sets", len(datasets)) as advance:
@@ -158,12 +163,12 @@ def assess_one(order: AssessmentOrder, dataset: str) -> Assessed:
         return Assessed(row, _files(folder))
 
 
-def is_as_it_was(order: AssessmentOrder, dataset: str, fingerprint: str) -> bool:
-    """Whether the images of a data set are those that were assessed, as far as they can be read."""
+def compare_images(order: AssessmentOrder, dataset: str, fingerprint: str) -> bool | str:
+    """Whether the images of a data set are those that were assessed, or why it cannot be read."""
     try:
         return order.fingerprint(dataset) == fingerprint
-    except DataSetError:
-        return True
+    except DataSetError as error:
+        return reason_of(error)
 
 
 def _own(caught: Sequence[warnings.WarningMessage]) -> list[str]:

@@ -12,6 +12,10 @@ _RULE = re.compile(r"\s*[─-]{9,}\s*")
 _BORDER = re.compile(r"^│(.*)│$|^ ?[╭╰].*$", re.MULTILINE)
 _UNKNOWN = "Unrecognized options: "
 _FLAG = re.compile(r"--[\w-]+")
+_PARSER = re.compile(r"^Error parsing __[\w.-]+: ")
+_NEITHER = re.compile(
+    r"^Error parsing (--[\w-]+): no type matching \{None\}\|(\w+) could .*? from \['(.*?)'\]\. .*$"
+)
 _CHOICES = re.compile(r"(?<=Expected one of )\('[^()]*'\)")
 
 
@@ -39,6 +43,7 @@ def usage_line(box: str, command: str) -> str:
     "invalid choice 'ft'. Expected one of 'm', 'mm'. See servoscope aim --help."
     """
     said, hints = _sections(box)
+    said = _PARSER.sub("", _NEITHER.sub(r"\1 must be \2, got '\3'", said))
     see = f"See {command} --help."
     if not said.startswith(_UNKNOWN):
         return one_line(f"{_CHOICES.sub(_in_order, said).rstrip('.! ')}. {see}")

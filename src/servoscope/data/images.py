@@ -51,7 +51,7 @@ def images_share(memory: str | None) -> float:
     return np.inf if memory is None else parse_bytes(memory) / _IMAGES_SHARE
 
 
-_LEAST_KEPT = 200
+_HELD_SHARE, _LEAST_KEPT = 3, 200
 _OUTLYING, _MOST_OUTLIERS = 2.0, 0.05
 _SAME_POSE = 1e-6  # metres and radians, as pose files are written
 _MOST_NOISE = 64.0
@@ -222,9 +222,9 @@ class PoseImageSet:
     def thinned(self, most: int, memory: str | None = None) -> PoseImageSet:
         """At most so many of the images, evenly spread in time, in memory.
 
-        Of images so large that a memory such as "1GB" holds less, they are as many as it holds, but
-        200 at the least. Images that have no times are in the order of time. The source of the
-        fewer notes how many there were, as ``thinned_from``.
+        Of images so large that a third of a memory such as "1GB" holds less, they are as many as
+        that, but 200 at the least: work on them takes two copies. Images that have no times are in
+        the order of time. The source of the fewer notes how many there were, as ``thinned_from``.
 
         Examples
         --------
@@ -234,10 +234,11 @@ class PoseImageSet:
         ['a', 'e', 'i']
         """
         if memory is not None:
-            held = max(int(parse_bytes(memory) / self.reference_image.nbytes), _LEAST_KEPT)
+            third = parse_bytes(memory) / _HELD_SHARE
+            held = max(int(third / self.reference_image.nbytes), _LEAST_KEPT)
             if held < min(len(self), most):
                 warnings.warn(
-                    f"Of {len(self)} images {held} are used, as many as {memory} of memory hold; "
+                    f"Of {len(self)} images {held} are used, as many as {memory} of memory allow; "
                     "give more (--memory), or take smaller images.",
                     ServoscopeWarning,
                     stacklevel=2,

@@ -86,6 +86,9 @@ class IndependentGroups:
 _STANDS_STILL = 1e-3
 """A camera that moves by less, in units of its spread, takes another shot of the same pose."""
 
+_MANY_PLACES = 2 * N_GROUPS
+"""Of more places than these it is asked whether they are independent, not whether there are few."""
+
 
 def independent_groups(data: PoseImageSet, n_groups: int | None = None) -> IndependentGroups:
     """Groups of images such that no image shows what an image of another group shows.
@@ -119,7 +122,8 @@ def independent_groups(data: PoseImageSet, n_groups: int | None = None) -> Indep
     of two images drawn at random (von Neumann): 1 for independent poses. Images in no order, but
     taken at few places or of a sequence that was shuffled, are found by the distance of each pose
     to its nearest neighbour, over the same after every coordinate was permuted by itself, or was
-    drawn evenly where there is but one. Shots that follow each other from one pose count as one.
+    drawn evenly where there is but one. Shots that follow each other from one pose count as one,
+    and of more places than that many all shots of each.
     Coordinates are those of the displacements along their
     principal axes, in units of their spread; what hardly moves does not count.
 
@@ -136,7 +140,7 @@ def independent_groups(data: PoseImageSet, n_groups: int | None = None) -> Indep
     order = np.argsort(times, kind="stable")
     steps = np.diff(poses[order], axis=0)
     moved = np.linalg.norm(steps, axis=1) > _STANDS_STILL
-    steps, moving = steps[moved], poses[order][np.append(True, moved)]
+    steps, apart = steps[moved], poses[order][np.append(True, moved)]
     kind, ratio = "independent", float(np.mean(steps**2) / 2) if steps.size else 1.0
     if data.split == "blocks" or ratio < STEP_RATIO:
         kind = "sequence"
@@ -144,14 +148,15 @@ def independent_groups(data: PoseImageSet, n_groups: int | None = None) -> Indep
         blocks[order] = np.arange(len(data)) * min(N_GROUPS, len(data)) // len(data)
         labels, distance = _kept_apart(data, order, blocks)
     else:
-        nearest, expected = _nearest_neighbours(moving)
+        labels, distance = _places(data)
+        if labels.max() >= _MANY_PLACES:
+            apart = poses[np.unique(labels, return_index=True)[1]]
+        nearest, expected = _nearest_neighbours(apart)
         if nearest < NEIGHBOUR_RATIO * expected:
             kind, ratio = "revisited", nearest / expected
             most = min(N_GROUPS, max(len(data) // 2, 1))
             clusters = _cluster(poses, most, NEIGHBOUR_RATIO * expected)
             labels, distance = _kept_apart(data, order, clusters)
-        else:
-            labels, distance = _places(data)
     if n_groups is not None:
         labels = _dealt(labels if data.moves().any() else np.zeros_like(labels), n_groups)
     return IndependentGroups(kind, labels, distance, ratio)

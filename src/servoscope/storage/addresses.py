@@ -14,7 +14,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
-from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 import numpy as np
@@ -49,7 +48,13 @@ def place_of(folder: str | os.PathLike[str]) -> Path | str:
     text = os.fspath(folder)
     scheme = _scheme(text)
     if scheme in _LOCAL:
-        return Path(url2pathname(urlsplit(text).path))
+        host, slash, path = text.split("://", 1)[1].partition("/")
+        if host not in ("", "localhost") or not slash:
+            raise DataSetError(
+                f"{text} names a folder of another machine, or none; write "
+                f"{scheme}:///folder, or a path."
+            )
+        return Path(url2pathname(f"/{path}"))
     return Path(text) if scheme is None else scheme + text[len(scheme) :].rstrip("/")
 
 

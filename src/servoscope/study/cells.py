@@ -225,7 +225,7 @@ def summarise_cells(cells: Sequence[Values]) -> Values:
         "level": LEVEL,
         "statements": [{"claim": claim, **share_of(said)} for claim, said in verdicts.items()],
         "second": {family: second.count(family) for family in FAMILIES if family in second},
-        "pci_before_pca": sum(value < 0 for value in ratio),
+        "pci_before_pca": sum(bool(value < 0) for value in ratio),
         "depends": [
             {"factor": name, **association([one["factors"][name] for one in found], ratio, second)}
             for name in FACTORS
