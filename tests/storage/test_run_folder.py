@@ -62,6 +62,16 @@ def test_a_run_resumes_only_with_its_own_settings(tmp_path):
         open_run_folder(tmp_path / "run", {"seed": 1, "protocols": ("paper",)}, resume=True)
 
 
+def test_what_differs_is_named_to_the_depth_where_it_does(tmp_path):
+    made = {"command": "study", "acquisition": {"n_images": 9, "part": "head"}}
+    open_run_folder(tmp_path / "run", made)
+    others = {**made, "acquisition": {"n_images": 8, "part": "head"}}
+    with pytest.raises(RunFolderError, match="made with n_images 9, not 8; repeat"):
+        open_run_folder(tmp_path / "run", others, resume=True)
+    with pytest.raises(RunFolderError, match="made by 'study', not 'assess'; name another folder"):
+        open_run_folder(tmp_path / "run", {**made, "command": "assess"}, resume=True)
+
+
 def test_force_removes_the_run_and_nothing_else(tmp_path):
     run = open_run_folder(tmp_path / "run", {"seed": 0})
     (run.path / "models").mkdir()

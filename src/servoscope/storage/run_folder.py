@@ -217,15 +217,30 @@ def _is_of(path: Path, settings: dict[str, Any]) -> bool:
 
 def _check_same_settings(path: Path, settings: dict[str, Any]) -> None:
     made_with = read_settings(path)
-    differing = sorted(
-        key for key in made_with | settings if made_with.get(key) != settings.get(key)
-    )
-    if differing:
-        key = differing[0]
+    made_by, asked_for = made_with.get("command"), settings.get("command")
+    if made_by != asked_for:
         raise RunFolderError(
-            f"{path} was made with {key} {made_with.get(key)!r}, not {settings.get(key)!r}; "
+            f"{path} was made by {made_by!r}, not {asked_for!r}; name another folder, or replace "
+            "it with --force."
+        )
+    if found := _first_difference(made_with, _as_json(settings)):
+        key, made, asked = found
+        raise RunFolderError(
+            f"{path} was made with {key} {made!r}, not {asked!r}; "
             "repeat its settings to resume it, or replace it with --force."
         )
+
+
+def _first_difference(made: dict[str, Any], asked: dict[str, Any]) -> tuple[str, Any, Any] | None:
+    """The name of the first setting that differs, at any depth, and both its values."""
+    for key in sorted(made | asked):
+        one, other = made.get(key), asked.get(key)
+        if isinstance(one, dict) and isinstance(other, dict):
+            if found := _first_difference(one, other):
+                return found
+        elif one != other:
+            return key, one, other
+    return None
 
 
 def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
