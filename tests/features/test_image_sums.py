@@ -74,6 +74,12 @@ def test_statistics_of_no_images_are_refused() -> None:
         ImageSums(4).finalize()
 
 
+@pytest.mark.parametrize("arguments", [(0,), (4, -1), (4, 0, [["a"]] * 4), (4, 0, [[np.nan]] * 4)])
+def test_sums_over_nothing_or_along_no_directions_are_refused(arguments) -> None:
+    with pytest.raises(InvalidInputError, match="pixel|directions"):
+        ImageSums(*arguments)
+
+
 def sums(n_pixels=576, n_targets=1, directions=0):
     found = ImageSums(n_pixels, n_targets, np.eye(n_pixels, directions))
     images = np.random.default_rng(0).integers(0, 256, (5, n_pixels))
@@ -97,6 +103,8 @@ def test_sums_over_others_are_not_merged(other) -> None:
         (np.ones((5, 576)), np.ones(5), r"got \(5,\)"),
         (np.ones((5, 576)), np.full((5, 1), np.inf), "targets must be finite"),
         (np.ones((5, 576)), None, r"got \(5, 0\)"),
+        (np.ones((5, 576), complex), np.ones((5, 1)), "arrays of numbers, got complex128"),
+        (np.ones((5, 576), object), np.ones((5, 1)), "arrays of numbers, got object"),
     ],
 )
 def test_a_block_that_is_refused_adds_nothing(images, targets, words) -> None:

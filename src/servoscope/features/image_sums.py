@@ -69,7 +69,15 @@ class ImageSums:
     """
 
     def __init__(self, n_pixels: int, n_targets: int = 0, directions: Array | None = None) -> None:
-        self.directions = np.empty((n_pixels, 0)) if directions is None else directions
+        if n_pixels < 1 or n_targets < 0:
+            raise InvalidInputError(
+                f"Sums are over 1 pixel or more and 0 targets or more, got {n_pixels} and "
+                f"{n_targets}."
+            )
+        none = np.empty((n_pixels, 0))
+        self.directions = none if directions is None else as_numbers(directions, "directions")
+        if not np.isfinite(self.directions).all():
+            raise InvalidInputError("directions must be finite, but hold NaN or infinity.")
         if self.directions.ndim != 2 or len(self.directions) != n_pixels:
             raise InvalidInputError(
                 f"directions must be of shape ({n_pixels}, n_directions), got "
@@ -107,6 +115,8 @@ class ImageSums:
 
     def _normalised(self, flat: NDArray[Any]) -> Array:
         n_pixels = len(self._total)
+        if flat.dtype.kind not in "biuf":
+            raise InvalidInputError(f"Images must be arrays of numbers, got {flat.dtype}.")
         if flat.ndim != 2 or flat.shape[1] != n_pixels:
             raise InvalidInputError(
                 f"Images must be of shape (n, {n_pixels}), one row an image, got {flat.shape}."

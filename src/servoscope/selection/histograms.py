@@ -243,7 +243,8 @@ class JointCounts:
         check_n_bins(n_bins)
         self.n_bins = n_bins
         self._ranges = [
-            tuple(np.asarray(end, dtype=np.float64) for end in ends) for ends in (X_range, y_range)
+            tuple(as_numbers(end, "The ends of a range") for end in ends)
+            for ends in (X_range, y_range)
         ]
         for (low, high), name in zip(self._ranges, ("X", "y"), strict=True):
             if not (low.ndim == 1 and low.size and low.shape == high.shape and (low <= high).all()):
