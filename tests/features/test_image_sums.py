@@ -76,7 +76,7 @@ def test_statistics_of_no_images_are_refused() -> None:
 
 @pytest.mark.parametrize("arguments", [(0,), (4, -1), (4, 0, [["a"]] * 4), (4, 0, [[np.nan]] * 4)])
 def test_sums_over_nothing_or_along_no_directions_are_refused(arguments) -> None:
-    with pytest.raises(InvalidInputError, match="pixel|directions"):
+    with pytest.raises(InvalidInputError, match=r"pixel|directions"):
         ImageSums(*arguments)
 
 
