@@ -571,3 +571,5 @@ def test_a_thinned_set_is_even_in_time():
     assert data.thinned(3).times.tolist() == [6, 3, 0]
     assert data.thinned(3).thinned(2).source["thinned_from"] == 7
     assert data.thinned(7) is data
+    assert data.subset(np.arange(7)) is data
+    assert data.subset(np.arange(7)[::-1]).names == data.names[::-1]

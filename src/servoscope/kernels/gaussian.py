@@ -211,7 +211,7 @@ class KernelPosterior:
     def mean(self, X: Array) -> Array:
         """The target to expect at samples X, (n,)."""
         with one_blas_thread():
-            return np.asarray(self.kernel.offset + self.kernel(X, self.X) @ self.weights)
+            return self.kernel.offset + self.kernel(X, self.X) @ self.weights
 
     def deviation(self, X: Array) -> Array:
         """Standard deviation of a target at samples X, (n,)."""

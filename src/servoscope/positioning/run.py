@@ -106,8 +106,7 @@ class Run:
         except RunEnded as end:
             interruption.hold()
             if interruption.heard is not None:  # a driver, or a lock, made another error of it
-                by_whom = _by_whom(KeyboardInterrupt(interruption.heard))
-                return "interrupted", f"Interrupted{by_whom}. {end}"
+                return "interrupted", f"Interrupted{_by_whom(interruption.heard)}. {end}"
             return end.status, str(end)
         except (SystemExit, GeneratorExit) as end:
             interruption.hold()
@@ -488,7 +487,7 @@ _UNDECIDED = (
 _EQUAL = "The image equals the reference to within its noise."
 
 
-def _by_whom(end: BaseException) -> str:
+def _by_whom(end: object) -> str:
     name = one_line(end)
     return f" by {name}" if name in ("SIGTERM", "SIGHUP", "SIGBREAK") else " by the user"
 
